@@ -136,7 +136,7 @@ def _fitted_if_possible(
     models = candidate_models(given, dark_dn, response)
     # A drift or a vignetting that is taken for granted would explain one that can be seen.
     selection = select(given.without_shared(DRIFT).without_shared(VIGNETTING), models)
-    deviating = [one.effect.subject for one in selection.found if one.effect.kind == "patch"]
+    deviating = [row.effect.subject for row in selection.effects if row.effect.kind == "patch"]
     require_monotone(selection.solution, deviating)
     seen = next(iter(intake.groups.values()))[0]
     tests = checks.effect_tests(selection, seen.vignetting, settings[0].dark, intake.findings)
@@ -195,7 +195,7 @@ def _fitted_if_possible(
         residuals=residuals,
         held_out=(),
         left_out=left_out,
-        ladder=tuple(replace(one, chosen=one.kind == final.candidate.kind) for one in selection.ladder),
+        ladder=tuple(replace(row, chosen=row.kind == final.candidate.kind) for row in selection.ladder),
         tests=tests,
         findings=(),
         provenance=Provenance(
@@ -217,11 +217,11 @@ def _final(
     image beyond the stated uncertainty of the vignetting, it is as they show it, which is returned, and what is left of
     it is scatter of patches elsewhere. Glare that they do not exclude is as large as they show it.
     """
-    kinds = {one.effect.kind for one in selection.found}
-    design, times = with_times(given, selection.found)
-    place = next((one for one in selection.found if one.effect.kind == "place"), None)
+    kinds = {fitted.effect.kind for fitted in selection.effects}
+    design, times = with_times(given, selection.effects)
+    position = next((fitted for fitted in selection.effects if fitted.effect.kind == "place"), None)
     stated_rel = checks.stated_vignetting_rel(given)
-    size_rel = 0.0 if place is None else checks.size(place, given)[0]
+    size_rel = 0.0 if position is None else checks.size(position, given)[0]
     beyond = size_rel > _BEYOND * stated_rel
     if beyond and stated_rel:
         design, vignetting = with_wider_vignetting(design, vignetting, FREE * size_rel / stated_rel)
@@ -230,7 +230,7 @@ def _final(
     if "glare" not in kinds:
         errors.append(SharedError(INTERCEPT, cd_m2=glare_cd_m2 * given.veil))
     known = replace(design, shared=(*design.shared, *errors))
-    design = with_effects(known, [one for one in selection.found if one.effect.kind not in _AS_IN_USE])
+    design = with_effects(known, [fitted for fitted in selection.effects if fitted.effect.kind not in _AS_IN_USE])
     candidate = selection.solution.candidate
     try:
         stated = solve(design, candidate)

@@ -53,27 +53,27 @@ def effect_tests(
         What `fit_dark` found, among others.
     """
     solution = selection.solution
-    keys = {one.effect.key for one in selection.found}
-    others = [one for one in possible_effects(solution.design) if one.key not in keys and one.kind != "patch"]
-    left = [assess(solution, one) for one in largest_of_each_kind(solution, others)]
+    keys = {row.effect.key for row in selection.effects}
+    others = [row for row in possible_effects(solution.design) if row.key not in keys and row.kind != "patch"]
+    left = [assess(solution, row) for row in largest_of_each_kind(solution, others)]
     tests = []
     for name, (kinds, untestable) in _CHECKS.items():
-        own = [one for one in selection.found if one.effect.kind in kinds]
-        tested = [one for one in left if one.effect.kind in kinds and one.amplitude.n]
-        largest = min(own or tested, key=lambda one: one.log_p, default=None)
+        significant = [row for row in selection.effects if row.effect.kind in kinds]
+        tested = [row for row in left if row.effect.kind in kinds and row.amplitude.n]
+        largest = min(significant or tested, key=lambda row: row.log_p, default=None)
         if largest is None:
-            why = "patches" if any(one.effect.kind in kinds for one in left) else untestable
+            why = "patches" if any(row.effect.kind in kinds for row in left) else untestable
             tests.append(FitTest(name, 0.0, 0.0, "", False, info(f"not-testable-{why}", name)))
         else:
             value, uncertainty = size(largest, solution.design)
-            finding = _finding(largest, solution, vignetting, found=bool(own))
-            tests.append(FitTest(name, value, uncertainty, _UNITS.get(name, ""), bool(own), finding))
-    against = next((one for one in findings if one.code in ("dark-falls", "dark-contradicts")), None)
+            finding = _finding(largest, solution, vignetting, is_significant=bool(significant))
+            tests.append(FitTest(name, value, uncertainty, _UNITS.get(name, ""), bool(significant), finding))
+    against = next((row for row in findings if row.code in ("dark-falls", "dark-contradicts")), None)
     one_exposure = "dark-agrees-at-one-exposure" if len(dark.exposures_s) < 2 else "dark-agrees"
-    return tuple(_of_dark(one, against, one_exposure) if one.name == "dark signal" else one for one in tests)
+    return tuple(_dark_test(row, against, one_exposure) if row.name == "dark signal" else row for row in tests)
 
 
-def _of_dark(test: FitTest, against: Finding | None, agrees: str) -> FitTest:
+def _dark_test(test: FitTest, against: Finding | None, agrees: str) -> FitTest:
     """Return the check of the dark signal with what the dark frames say among themselves."""
     if against is not None:
         return replace(test, significant=True, finding=against)
@@ -81,20 +81,20 @@ def _of_dark(test: FitTest, against: Finding | None, agrees: str) -> FitTest:
 
 
 def possible_glare_cd_m2(test: FitTest) -> float:
-    """Intercept to count with: what was found, or of glare as much as it exceeds its standard uncertainty."""
+    """Intercept to count with: a significant one, or of glare as much as it exceeds its standard uncertainty."""
     if test.significant:
         return test.value
     return sqrt(max(max(test.value, 0.0) ** 2 - test.standard_uncertainty**2, 0.0))
 
 
 def effect_findings(selection: ModelSelection, vignetting: AnyVignetting | None) -> list[Finding]:
-    """Return a warning of each effect that was found, and one of others that explain the observations as well."""
+    """Return a warning of each significant effect, and one of others that explain the observations as well."""
     findings = []
-    for one in selection.found:
-        rows = [one, *one.rivals]
-        of_each = [_finding(row, selection.solution, vignetting, found=True) for row in rows]
+    for fitted in selection.effects:
+        rows = [fitted, *fitted.rivals]
+        of_each = [_finding(row, selection.solution, vignetting, is_significant=True) for row in rows]
         findings.append(of_each[0])
-        if one.rivals:
+        if fitted.rivals:
             pairs = zip(rows, of_each, strict=True)
             findings.append(undecided_cause(*((row.effect.name, f.code, row.effect.what_tells) for row, f in pairs)))
     return findings
@@ -105,30 +105,30 @@ def stated_vignetting_rel(design: Design) -> float:
     return sqrt(sum(float(np.var(one.relative)) for one in design.shared if one.source == VIGNETTING))
 
 
-def size(one: FittedEffect, design: Design) -> tuple[float, float]:
+def size(row: FittedEffect, design: Design) -> tuple[float, float]:
     """Return the size of an effect with its standard uncertainty: relative ones of exposures, rms of places."""
-    kind = one.effect.kind
+    kind = row.effect.kind
     if kind == "place":
-        size = sqrt(float(np.mean((one.amplitude.value @ design.place[:, : one.amplitude.value.size].T) ** 2)))
-        drop = one.amplitude.drop
-        return size, size * sqrt(one.amplitude.n / drop) if drop > 0 else 0.0
+        size = sqrt(float(np.mean((row.amplitude.value @ design.place[:, : row.amplitude.value.size].T) ** 2)))
+        drop = row.amplitude.drop
+        return size, size * sqrt(row.amplitude.n / drop) if drop > 0 else 0.0
     if kind == "rim":
         size_rel = float(np.abs(design.rim_rel).max())
-        return one.value * size_rel, one.uncertainty * size_rel
+        return row.value * size_rel, row.uncertainty * size_rel
     if kind == "dark current":
         longest_s = float(design.exposures_s.max())
-        return one.value * longest_s, one.uncertainty * longest_s
+        return row.value * longest_s, row.uncertainty * longest_s
     if kind == "exposure offset":
         shortest_s = float(design.exposures_s.min())
-        return one.value / shortest_s, one.uncertainty / shortest_s
+        return row.value / shortest_s, row.uncertainty / shortest_s
     # The meter shows more where the camera shows less.
-    return (-one.value if kind == "step" else one.value), one.uncertainty
+    return (-row.value if kind == "step" else row.value), row.uncertainty
 
 
-def _finding(one: FittedEffect, final: Solution, vignetting: AnyVignetting | None, *, found: bool) -> Finding:
-    """Return the finding of an effect, a warning if it was found."""
-    value, uncertainty = size(one, final.design)
-    kind, expanded = one.effect.kind, expanded_half_width(0.0, uncertainty) if uncertainty < inf else inf
+def _finding(row: FittedEffect, final: Solution, vignetting: AnyVignetting | None, *, is_significant: bool) -> Finding:
+    """Return the finding of an effect, a warning if it is significant."""
+    value, uncertainty = size(row, final.design)
+    kind, expanded = row.effect.kind, expanded_half_width(0.0, uncertainty) if uncertainty < inf else inf
     relative: dict[str, FindingValue] = {"deviation_rel": value, "expanded_rel": expanded}
     values: Mapping[str, FindingValue] = relative
     if kind == "glare":
@@ -142,14 +142,14 @@ def _finding(one: FittedEffect, final: Solution, vignetting: AnyVignetting | Non
         values = {"difference_dn": value, "expanded_dn": expanded, "exposure_s": float(final.design.exposures_s.max())}
     elif kind == "exposure offset":
         codes = "exposures-offset", "exposures-not-offset"
-        values = {"offset_s": one.value, "expanded_s": expanded_half_width(0.0, one.uncertainty)}
+        values = {"offset_s": row.value, "expanded_s": expanded_half_width(0.0, row.uncertainty)}
     elif kind == "exposure":
         codes = "exposure-deviates", "exposures-agree"
-        values = {"exposure_s": float(final.design.exposures_s[one.effect.number]), **relative}
+        values = {"exposure_s": float(final.design.exposures_s[row.effect.number]), **relative}
     elif kind == "drift":
         codes, values = ("drift", "no-drift"), {"span_h": float(np.ptp(final.design.read_h)), **relative}
     elif kind == "step":
-        codes, values = ("readings-step", "no-readings-step"), {"patch": one.effect.subject, **relative}
+        codes, values = ("readings-step", "no-readings-step"), {"patch": row.effect.subject, **relative}
     elif kind == "rim":
         codes = "surroundings", "no-surroundings"
         values = {"patch": final.design.patches[int(np.argmax(np.abs(final.design.rim_rel)))], **relative}
@@ -158,9 +158,9 @@ def _finding(one: FittedEffect, final: Solution, vignetting: AnyVignetting | Non
         codes = "vignetting-not-corrected" if vignetting is None else assumed, "no-vignetting-left"
         values = {"deviation_rel": value, "chance_rel": uncertainty}
     else:
-        reading_cd_m2 = float(final.design.reading_cd_m2[one.effect.number])
-        return contradiction("patch-contradicts", one.effect.subject, reading_cd_m2, reading_cd_m2 + value)
-    return warning(codes[0], **values) if found else info(codes[1], **values)
+        reading_cd_m2 = float(final.design.reading_cd_m2[row.effect.number])
+        return contradiction("patch-contradicts", row.effect.subject, reading_cd_m2, reading_cd_m2 + value)
+    return warning(codes[0], **values) if is_significant else info(codes[1], **values)
 
 
 def scatter(solution: Solution) -> FitTest:

@@ -42,7 +42,7 @@ class SharedError:
         Its effect on each observation, relative to the luminance, in DN and in cd/m^2, for one standard uncertainty.
     dark, gain_db, dof, pattern : tuple of float, float or None, float, int or None
         As of `FitError`, whose effects on converted frames are those of the same error.
-    found : bool
+    is_parameter : bool
         Whether the observations show it, so that it is a parameter of the fit.
     """
 
@@ -54,7 +54,7 @@ class SharedError:
     dof: float = inf
     cd_m2: Array | float = 0.0
     pattern: int | None = None
-    found: bool = False
+    is_parameter: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +143,9 @@ class Design:
         return level
 
     @property
-    def n_found(self) -> int:
+    def n_effects(self) -> int:
         """Number of effects that were found, each a parameter."""
-        return sum(one.found for one in self.shared)
+        return sum(error.is_parameter for error in self.shared)
 
     @cached_property
     def same_patch(self) -> NDArray[np.bool_]:

@@ -105,7 +105,7 @@ class Effect:
     def within(self, widths: Array) -> tuple[SharedError, ...]:
         """Return its columns with normal priors of widths, shape (k,)."""
         return tuple(
-            replace(e, relative=e.relative * w, dn=e.dn * w, cd_m2=e.cd_m2 * w, found=True)
+            replace(e, relative=e.relative * w, dn=e.dn * w, cd_m2=e.cd_m2 * w, is_parameter=True)
             for e, w in zip(self.errors, widths, strict=True)
         )
 
@@ -309,7 +309,7 @@ def assess(solution: Solution, effect: Effect) -> FittedEffect:
         solution = _where_it_leads(solution, effect, plain)
         columns = effect.columns(solution)
         plain = amplitude(solution, columns)
-    spare = len(solution.design.patches) - solution.parameters.size - solution.design.n_found - plain.n
+    spare = len(solution.design.patches) - solution.parameters.size - solution.design.n_effects - plain.n
     dof = float(max(spare, 1))
     size = residual_scatter(replace(solution, jacobian=np.column_stack([solution.jacobian, columns.T])))
     if size:

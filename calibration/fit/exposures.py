@@ -25,7 +25,7 @@ NO_MODEL = (
 )
 
 
-def with_times(design: Design, found: Iterable[FittedEffect]) -> tuple[Design, ExposureTimes]:
+def with_times(design: Design, fitted_effects: Iterable[FittedEffect]) -> tuple[Design, ExposureTimes]:
     """Correct exposure times by what was found of them, whose uncertainties are common errors.
 
     Where others explain the observations as well, nothing says which are as stated.
@@ -42,25 +42,25 @@ def with_times(design: Design, found: Iterable[FittedEffect]) -> tuple[Design, E
     CalibrationError
         If an exposure would last no time.
     """
-    found = [one for one in found if one.effect.of_times]
+    fitted_effects = [fitted for fitted in fitted_effects if fitted.effect.of_times]
     times = ExposureTimes()
     errors = list(design.shared)
-    factor = time_factor(design, found)
-    for one in found:
-        value, uncertainty = one.value, one.uncertainty
-        if one.effect.kind == "exposure" and value <= -1:
+    factor = time_factor(design, fitted_effects)
+    for fitted in fitted_effects:
+        value, uncertainty = fitted.value, fitted.uncertainty
+        if fitted.effect.kind == "exposure" and value <= -1:
             raise CalibrationError(NO_MODEL)
-        relative = uncertainty * one.effect.around(factor).errors[0].relative
-        if one.effect.kind == "exposure offset":
+        relative = uncertainty * fitted.effect.around(factor).errors[0].relative
+        if fitted.effect.kind == "exposure offset":
             times = replace(times, offset_s=value, offset_u_s=uncertainty)
             errors.append(SharedError(OFFSET, relative))
         else:
-            exposure_s = float(design.exposures_s[one.effect.number])
+            exposure_s = float(design.exposures_s[fitted.effect.number])
             times = replace(times, deviations=(*times.deviations, (exposure_s, value, uncertainty / (1 + value))))
             errors.append(SharedError(EXPOSURE_TIME, relative))
-        if any(rival.effect.of_times for rival in one.rivals):
+        if any(rival.effect.of_times for rival in fitted.rivals):
             # None or all of it is an error of the responsivity, with equal probabilities.
-            without = time_factor(design, [other for other in found if other is not one])
+            without = time_factor(design, [other for other in fitted_effects if other is not fitted])
             either_rel = float(np.ptp(np.log(factor / without))) / sqrt(2)
             times = replace(times, either_rel=hypot(times.either_rel, either_rel))
-    return replace(with_times_of(design, found), shared=tuple(errors)), times
+    return replace(with_times_of(design, fitted_effects), shared=tuple(errors)), times

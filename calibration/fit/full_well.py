@@ -64,7 +64,7 @@ def full_well(groups: Groups, readings: Readings, settings: Sequence[GainSetting
     (float, Finding) or None
         90 % of the way from the dark signal to the full well, the lowest of the gains; None if none is found.
     """
-    found: list[tuple[float, float]] = []
+    levels: list[tuple[float, float]] = []
     for index, setting in enumerate(settings):
         rows: list[Any] = [np.empty((3, 0))]
         for patch, group in groups.items():
@@ -77,9 +77,9 @@ def full_well(groups: Groups, readings: Readings, settings: Sequence[GainSetting
             rows.append([own.net_dn, light / own.scale_per_s, promised])
         level = plateau_dn(*np.hstack(rows))
         if level is not None:
-            found.append((level + setting.dark.offset_dn, SAFE_SHARE * level + setting.dark.offset_dn))
-    if not found:
+            levels.append((level + setting.dark.offset_dn, SAFE_SHARE * level + setting.dark.offset_dn))
+    if not levels:
         return None
-    level_dn, safe_dn = min(found)
+    level_dn, safe_dn = min(levels)
     stated_dn = next(iter(groups.values()))[0].state.saturation_dn
     return safe_dn, warning("full-below-saturation", level_dn=level_dn, stated_dn=stated_dn, saturation_dn=safe_dn)

@@ -146,12 +146,16 @@ def gain_settings(
                 f"there are no dark frames at a gain of {gain_db:g} dB: take some at each exposure, or leave this gain "
                 "out"
             )
-        own = [o for o in observations if o.state.has_gain(gain_db)]
+        seen = [o for o in observations if o.state.has_gain(gain_db)]
         dark, dark_findings = fit_dark(own_darks, drift_dn)
-        noise, noise_findings = fit_noise(own, dark, tone)
-        found = [*dark_findings, *noise_findings, *_temperature_findings(own, dark)]
-        findings += found if len(gains_db) == 1 else [one.within(f"gain {gain_db:g} dB") for one in found]
-        settings.append(with_prnu(GainSetting(gain_db, 1.0, 0.0, dark, noise), own))
+        noise, noise_findings = fit_noise(seen, dark, tone)
+        gain_findings = [*dark_findings, *noise_findings, *_temperature_findings(seen, dark)]
+        findings += (
+            gain_findings
+            if len(gains_db) == 1
+            else [finding.within(f"gain {gain_db:g} dB") for finding in gain_findings]
+        )
+        settings.append(with_prnu(GainSetting(gain_db, 1.0, 0.0, dark, noise), seen))
     return tuple(settings), findings
 
 

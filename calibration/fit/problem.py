@@ -107,7 +107,7 @@ class Solution:
     @property
     def degrees_of_freedom(self) -> int:
         """Observations less parameters, effects that were found among them."""
-        return self.luminance.size - self.parameters.size - self.design.n_found
+        return self.luminance.size - self.parameters.size - self.design.n_effects
 
 
 @lru_cache(maxsize=32)
@@ -151,8 +151,8 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
 
     try:
         with np.errstate(all="ignore"):  # parameters on the way may be far out
-            found = least_squares(standardised, start / scale, method="lm", xtol=_TOLERANCE, ftol=_TOLERANCE)
-            solution = solution_at(design, candidate, found.x * scale) if found.success else None
+            minimum = least_squares(standardised, start / scale, method="lm", xtol=_TOLERANCE, ftol=_TOLERANCE)
+            solution = solution_at(design, candidate, minimum.x * scale) if minimum.success else None
     except (ValueError, np.linalg.LinAlgError):
         solution = None
     most_rel = _IMPOSSIBLE if candidate.bracket is None else _CONTRADICTION_REL
@@ -177,7 +177,7 @@ def _weighting(design: Design, candidate: CandidateModel) -> Design:
     """
     if candidate.bracket is None:
         return design
-    return replace(design, shared=tuple(error for error in design.shared if error.found))
+    return replace(design, shared=tuple(error for error in design.shared if error.is_parameter))
 
 
 def _typical_rel(solution: Solution) -> float:
@@ -209,9 +209,9 @@ def _start(design: Design, candidate: CandidateModel) -> Array:
     shape, gain = candidate.shape(design.net_dn) * design.signals.scale_per_s, design.signals.gain_index
     of_gains = np.equal.outer(gain, np.arange(int(gain.max()) + 1))
     slopes = np.array([np.median((design.readings / shape)[own]) for own in of_gains.T])
-    found = replace(design, shared=tuple(error for error in design.shared if error.found))
-    if found.shared:
-        effects = found.patterns(design.readings, design.signals.scale_per_s)
+    with_effects = replace(design, shared=tuple(error for error in design.shared if error.is_parameter))
+    if with_effects.shared:
+        effects = with_effects.patterns(design.readings, design.signals.scale_per_s)
         columns = np.column_stack([of_gains, (effects / shape).T])
         size = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
         if np.isfinite(size).all():

@@ -65,9 +65,9 @@ class _Likelihood:
             grown = (unit * exp(v)) ** 2 * self.values
             return float(np.sum(grown / (1 + grown) * (1 - self.squares / (1 + grown))))
 
-        found = _minimum(lambda v: self.deviance(unit * exp(v)))
-        low, high = found - _NEAR, found + _NEAR
-        return unit * exp(brentq(slope, low, high, xtol=1e-14) if slope(low) < 0 < slope(high) else found)
+        nearest = _minimum(lambda v: self.deviance(unit * exp(v)))
+        low, high = nearest - _NEAR, nearest + _NEAR
+        return unit * exp(brentq(slope, low, high, xtol=1e-14) if slope(low) < 0 < slope(high) else nearest)
 
     def dof(self, size: float, unit: float) -> float:
         """Degrees of freedom with which Student's t and the estimate give the error of another patch.

@@ -62,9 +62,9 @@ def leave_one_out(solution: Solution, covariance: Array | None = None) -> tuple[
     stated = solution.covariance if covariance is None else covariance
     design, moved = solution.design, solution.left @ solution.residual
     relative, score = [], []
-    for (own, weight), reading_cd_m2 in zip(weights_by_patch(solution), design.reading_cd_m2, strict=True):
-        block = np.ix_(own, own)
-        deviation = np.linalg.lstsq(solution.left[block], moved[own], rcond=1e-10)[0]
+    for (members, weight), reading_cd_m2 in zip(weights_by_patch(solution), design.reading_cd_m2, strict=True):
+        block = np.ix_(members, members)
+        deviation = np.linalg.lstsq(solution.left[block], moved[members], rcond=1e-10)[0]
         relative.append(float(weight @ deviation) / reading_cd_m2)
         score.append(float(deviation @ np.linalg.solve(stated[block], deviation)))
     return np.array(relative), np.array(score)
@@ -82,7 +82,7 @@ def weights_by_patch(solution: Solution) -> list[tuple[NDArray[np.intp], Array]]
 
 def seen_cd_m2(solution: Solution) -> Array:
     """Return the luminances of the patches by the camera, shape (P,)."""
-    return np.array([weight @ solution.luminance[own] for own, weight in weights_by_patch(solution)])
+    return np.array([weight @ solution.luminance[members] for members, weight in weights_by_patch(solution)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,20 +92,20 @@ class ModelSelection:
     Parameters
     ----------
     solution : Solution
-        The fit, with what was found.
+        The fit, with the effects.
     ladder : tuple of ModelStep
         Candidates of the response.
-    found : tuple of FittedEffect
+    effects : tuple of FittedEffect
         Effects beside it.
     """
 
     solution: Solution
     ladder: tuple[ModelStep, ...]
-    found: tuple[FittedEffect, ...] = ()
+    effects: tuple[FittedEffect, ...] = ()
 
     def size_of(self, kind: Kind) -> float:
-        """Return the amplitude of the effect of a kind; 0 if none was found."""
-        return next((one.value for one in self.found if one.effect.kind == kind), 0.0)
+        """Return the amplitude of the effect of a kind; 0 if there is none."""
+        return next((fitted.value for fitted in self.effects if fitted.effect.kind == kind), 0.0)
 
 
 def select(design: Design, candidates: Sequence[CandidateModel]) -> ModelSelection:
@@ -120,47 +120,55 @@ def select(design: Design, candidates: Sequence[CandidateModel]) -> ModelSelecti
     CalibrationError
         As `select_model`.
     """
-    effects, found = possible_effects(design, with_exposures=candidates[0].bracket is None), list[FittedEffect]()
+    effects, fitted_effects = (
+        possible_effects(design, with_exposures=candidates[0].bracket is None),
+        list[FittedEffect](),
+    )
     now = ModelSelection(*select_model(design, candidates, effects))
-    while found_more := _next(design, now.solution, effects, found):
-        found = [*found, *found_more]
+    while further := _next(design, now.solution, effects, fitted_effects):
+        fitted_effects = [*fitted_effects, *further]
         for _ in candidates:
             candidate = now.solution.candidate
-            found = _with_exact_times(design, candidate, found)
-            now = ModelSelection(*_with(design, candidates, effects, found))
+            fitted_effects = _with_exact_times(design, candidate, fitted_effects)
+            now = ModelSelection(*_with(design, candidates, effects, fitted_effects))
             if now.solution.candidate == candidate:
                 break
-    settled = _without_others(design, now.solution.candidate, found)
-    if len(settled) < len(found):
+    settled = _without_others(design, now.solution.candidate, fitted_effects)
+    if len(settled) < len(fitted_effects):
         now = ModelSelection(*_with(design, candidates, effects, settled))
     candidate = now.solution.candidate
-    return replace(now, found=tuple(_with_rivals(design, candidate, effects, settled, one) for one in settled))
+    return replace(now, effects=tuple(_with_rivals(design, candidate, effects, settled, fitted) for fitted in settled))
 
 
-def time_factor(design: Design, found: Iterable[FittedEffect]) -> Array:
-    """Return exposure times by what was found of them, over the stated ones, shape (n,)."""
-    errors = [(one.value, one.effect.errors[0].relative) for one in found if one.effect.of_times]
+def time_factor(design: Design, fitted_effects: Iterable[FittedEffect]) -> Array:
+    """Return exposure times by the effects on them, over the stated ones, shape (n,)."""
+    errors = [(fitted.value, fitted.effect.errors[0].relative) for fitted in fitted_effects if fitted.effect.of_times]
     factor: Array = np.ones_like(design.net_dn) + sum(value * relative for value, relative in errors)
     return np.maximum(factor, SHORTEST)
 
 
-def with_times_of(design: Design, found: Iterable[FittedEffect]) -> Design:
-    """Return the design with exposure times as they were found."""
-    factor = time_factor(design, found)
+def with_times_of(design: Design, fitted_effects: Iterable[FittedEffect]) -> Design:
+    """Return the design with exposure times as the effects make them."""
+    factor = time_factor(design, fitted_effects)
     return replace(design, signals=replace(design.signals, scale_per_s=design.signals.scale_per_s / factor))
 
 
-def with_effects(design: Design, found: Sequence[FittedEffect]) -> Design:
-    """Return the design with effects as parameters, those of exposure times around what was found."""
-    factor = time_factor(design, found)
-    shared = (*design.shared, *(e for one in found for e in one.effect.around(factor).within(one.widths)))
-    return replace(with_times_of(design, found), shared=shared)
+def with_effects(design: Design, fitted_effects: Sequence[FittedEffect]) -> Design:
+    """Return the design with effects as parameters, those of exposure times around their amplitudes."""
+    factor = time_factor(design, fitted_effects)
+    shared = (
+        *design.shared,
+        *(e for fitted in fitted_effects for e in fitted.effect.around(factor).within(fitted.widths)),
+    )
+    return replace(with_times_of(design, fitted_effects), shared=shared)
 
 
-def _with_exact_times(design: Design, candidate: CandidateModel, found: Sequence[FittedEffect]) -> list[FittedEffect]:
+def _with_exact_times(
+    design: Design, candidate: CandidateModel, fitted_effects: Sequence[FittedEffect]
+) -> list[FittedEffect]:
     """Return exposure times that leave nothing: they are factors of luminances, and their columns only tangents."""
-    now = list(found)
-    numbers = [k for k, one in enumerate(now) if one.effect.of_times]
+    now = list(fitted_effects)
+    numbers = [k for k, fitted in enumerate(now) if fitted.effect.of_times]
     for _ in range(_TIME_ROUNDS):
         steps = [_step_of_time(design, candidate, now, k) for k in numbers]
         if all(step < _EXACT for step in steps):
@@ -169,8 +177,8 @@ def _with_exact_times(design: Design, candidate: CandidateModel, found: Sequence
 
 
 def _step_of_time(design: Design, candidate: CandidateModel, now: list[FittedEffect], number: int) -> float:
-    """Correct what was found of an exposure time by what it leaves; return that, in standard uncertainties."""
-    before, rest = now[number], [one for k, one in enumerate(now) if k != number]
+    """Correct the effect on an exposure time by what it leaves; return that, in standard uncertainties."""
+    before, rest = now[number], [fitted for k, fitted in enumerate(now) if k != number]
     effect = before.effect.around(time_factor(design, now))
     corrected = replace(with_effects(design, rest), signals=with_times_of(design, now).signals)
     try:
@@ -188,41 +196,44 @@ def _step_of_time(design: Design, candidate: CandidateModel, now: list[FittedEff
 
 
 def _with(
-    design: Design, candidates: Sequence[CandidateModel], effects: Sequence[Effect], found: Sequence[FittedEffect]
+    design: Design,
+    candidates: Sequence[CandidateModel],
+    effects: Sequence[Effect],
+    fitted_effects: Sequence[FittedEffect],
 ) -> tuple[Solution, tuple[ModelStep, ...]]:
-    return select_model(with_effects(design, found), candidates, _others(effects, found))
+    return select_model(with_effects(design, fitted_effects), candidates, _others(effects, fitted_effects))
 
 
-def _others(effects: Sequence[Effect], found: Sequence[FittedEffect]) -> list[Effect]:
-    """Effects that are not found, where more of the kind may be."""
-    keys = {one.effect.key for one in found}
-    kinds = [one.effect.kind for one in found]
-    return [one for one in effects if one.key not in keys and kinds.count(one.kind) < one.most]
+def _others(effects: Sequence[Effect], fitted_effects: Sequence[FittedEffect]) -> list[Effect]:
+    """Effects that are not fitted, where more of the kind may be."""
+    keys = {fitted.effect.key for fitted in fitted_effects}
+    kinds = [fitted.effect.kind for fitted in fitted_effects]
+    return [effect for effect in effects if effect.key not in keys and kinds.count(effect.kind) < effect.most]
 
 
 def _next(
-    design: Design, solution: Solution, effects: Sequence[Effect], found: Sequence[FittedEffect]
+    design: Design, solution: Solution, effects: Sequence[Effect], fitted_effects: Sequence[FittedEffect]
 ) -> Sequence[FittedEffect]:
-    """Return the most significant effect that is not found yet, or patches that hide each other."""
+    """Return the most significant effect that is not fitted yet, or patches that hide each other."""
     if solution.degrees_of_freedom <= 1:
         return ()
-    rows = _significant(solution, _others(effects, found))
+    rows = _significant(solution, _others(effects, fitted_effects))
     if not rows:
-        return _several_patches(design, solution.candidate, effects, found)
-    best = min(one.log_p for one in rows)
-    return (next(one for one in rows if one.log_p <= best + _SAME),)
+        return _several_patches(design, solution.candidate, effects, fitted_effects)
+    best = min(row.log_p for row in rows)
+    return (next(row for row in rows if row.log_p <= best + _SAME),)
 
 
 def _several_patches(
-    design: Design, candidate: CandidateModel, effects: Sequence[Effect], found: Sequence[FittedEffect]
+    design: Design, candidate: CandidateModel, effects: Sequence[Effect], fitted_effects: Sequence[FittedEffect]
 ) -> Sequence[FittedEffect]:
     """Return patches of which each makes the others look like scatter: the one that deviates most is left out in turn.
 
     As many count as the last one that is significant has before it: B. Rosner, Technometrics 25 (1983) 165.
     """
     more, result = list[FittedEffect](), list[FittedEffect]()
-    while patches := [one for one in _others(effects, [*found, *more]) if one.kind == "patch"]:
-        solution = next(solutions(with_effects(design, [*found, *more]), [candidate]), None)
+    while patches := [effect for effect in _others(effects, [*fitted_effects, *more]) if effect.kind == "patch"]:
+        solution = next(solutions(with_effects(design, [*fitted_effects, *more]), [candidate]), None)
         if solution is None or solution.degrees_of_freedom <= 1:
             break
         row = assess(solution, largest_of_each_kind(solution, patches)[0])
@@ -233,25 +244,27 @@ def _several_patches(
 
 
 def _significant(solution: Solution, effects: Iterable[Effect]) -> list[FittedEffect]:
-    return [one for one in _assessed(solution, effects) if one.significant and one.matters(solution)]
+    return [row for row in _assessed(solution, effects) if row.significant and row.matters(solution)]
 
 
 def _assessed(solution: Solution, effects: Iterable[Effect]) -> list[FittedEffect]:
-    return [assess(solution, one) for one in largest_of_each_kind(solution, effects)]
+    return [assess(solution, effect) for effect in largest_of_each_kind(solution, effects)]
 
 
-def _without_others(design: Design, candidate: CandidateModel, found: Sequence[FittedEffect]) -> list[FittedEffect]:
-    """Assess each effect beside the others that were found, and drop what is not significant."""
-    kept = list(found)
-    for one in found:
-        rest = [other for other in kept if other is not one]
+def _without_others(
+    design: Design, candidate: CandidateModel, fitted_effects: Sequence[FittedEffect]
+) -> list[FittedEffect]:
+    """Assess each effect beside the other fitted ones, and drop what is not significant."""
+    kept = list(fitted_effects)
+    for fitted in fitted_effects:
+        rest = [other for other in kept if other is not fitted]
         # A response may need an effect to rise at all.
         solution = next(solutions(with_effects(design, rest), [candidate]), None)
-        again = one if solution is None else assess(solution, one.effect)
+        again = fitted if solution is None else assess(solution, fitted.effect)
         if not again.significant:
             kept = rest
-        elif not one.effect.of_times:
-            kept = [again if other is one else other for other in kept]
+        elif not fitted.effect.of_times:
+            kept = [again if other is fitted else other for other in kept]
     return _with_exact_times(design, candidate, kept)
 
 
@@ -259,60 +272,64 @@ def _with_rivals(
     design: Design,
     candidate: CandidateModel,
     effects: Sequence[Effect],
-    found: Sequence[FittedEffect],
-    one: FittedEffect,
+    fitted_effects: Sequence[FittedEffect],
+    fitted: FittedEffect,
 ) -> FittedEffect:
     """Return an effect with others that explain the observations about as well in its place."""
-    rest = [other for other in found if other is not one]
+    rest = [other for other in fitted_effects if other is not fitted]
     solution = next(solutions(with_effects(design, rest), [candidate]), None)
     if solution is None:
-        return one
-    if one.effect.of_times:
-        others = [other for other in _others(effects, rest) if other.key != one.effect.key]
-        alike = _as_good(design, candidate, found, one, _significant(solution, others))
+        return fitted
+    if fitted.effect.of_times:
+        others = [other for other in _others(effects, rest) if other.key != fitted.effect.key]
+        alike = _as_good(design, candidate, fitted_effects, fitted, _significant(solution, others))
     else:
-        others = [other for other in _others(effects, found) if other.kind != one.effect.kind]
+        others = [other for other in _others(effects, fitted_effects) if other.kind != fitted.effect.kind]
         rows = [row for row in _assessed(solution, others) if row.log_p < log(_RIVAL) and row.possible]
-        alike = [row for row in rows if _is_rival(row, one, with_effects(design, rest), solution)]
-    if one.effect.kind == "patch":
-        alike += [row for row in rest if _is_more_at(row, one, solution)]
-    return one._replace(rivals=tuple(sorted(alike, key=lambda row: row.log_p)))
+        alike = [row for row in rows if _is_rival(row, fitted, with_effects(design, rest), solution)]
+    if fitted.effect.kind == "patch":
+        alike += [row for row in rest if _is_more_at(row, fitted, solution)]
+    return fitted._replace(rivals=tuple(sorted(alike, key=lambda row: row.log_p)))
 
 
 def _as_good(
     design: Design,
     candidate: CandidateModel,
-    found: Sequence[FittedEffect],
-    one: FittedEffect,
+    fitted_effects: Sequence[FittedEffect],
+    fitted: FittedEffect,
     others: Iterable[FittedEffect],
 ) -> list[FittedEffect]:
     """Return what may stand for an effect of exposure times, by fits at exact ones: a linear test only says where."""
-    own, rest, result = solve(with_effects(design, found), candidate), [f for f in found if f is not one], []
-    most = own.chi_squared + 2 * _ALIKE * max(1.0, own.chi_squared / max(own.degrees_of_freedom, 1))
+    best, rest, result = (
+        solve(with_effects(design, fitted_effects), candidate),
+        [f for f in fitted_effects if f is not fitted],
+        [],
+    )
+    most = best.chi_squared + 2 * _ALIKE * max(1.0, best.chi_squared / max(best.degrees_of_freedom, 1))
     for other in others:
         instead = with_effects(design, _with_exact_times(design, candidate, [*rest, other]))
         result += [other for solution in solutions(instead, [candidate]) if solution.chi_squared <= most]
     return result
 
 
-def _is_rival(row: FittedEffect, found: FittedEffect, design: Design, solution: Solution) -> bool:
-    """Whether an effect explains the observations about as well as one that was found, or what that one explains."""
+def _is_rival(row: FittedEffect, fitted: FittedEffect, design: Design, solution: Solution) -> bool:
+    """Whether an effect explains the observations about as well as a fitted one, or what that one explains."""
     if not row.matters(solution):
         return False
-    if row.significant and row.log_p <= found.log_p + _ALIKE:
+    if row.significant and row.log_p <= fitted.log_p + _ALIKE:
         return True
     with suppress(CalibrationError):
-        return not assess(solve(with_effects(design, [row]), solution.candidate), found.effect).significant
+        return not assess(solve(with_effects(design, [row]), solution.candidate), fitted.effect).significant
     return False
 
 
-def _is_more_at(found: FittedEffect, patch: FittedEffect, solution: Solution) -> bool:
+def _is_more_at(row: FittedEffect, patch: FittedEffect, solution: Solution) -> bool:
     """Whether a patch that deviates may be more of another effect: that is largest there, or about as large."""
-    moved = np.abs(found.amplitude.value @ found.effect.columns(solution)) / solution.level
-    own, design = solution.design.patch == patch.effect.number, solution.design
+    moved = np.abs(row.amplitude.value @ row.effect.columns(solution)) / solution.level
+    members, design = solution.design.patch == patch.effect.number, solution.design
     deviation_rel = abs(patch.value) / design.reading_cd_m2[patch.effect.number]
-    much = moved[own].max() >= min(moved.max(), _AS_MUCH * deviation_rel)
-    return found.effect.kind in ("rim", "glare", "place", "dark signal") and bool(much)
+    much = moved[members].max() >= min(moved.max(), _AS_MUCH * deviation_rel)
+    return row.effect.kind in ("rim", "glare", "place", "dark signal") and bool(much)
 
 
 def worth(solution: Solution, effect: Effect) -> float:
@@ -320,9 +337,9 @@ def worth(solution: Solution, effect: Effect) -> float:
 
     One of several alike has been searched for, and a patch explains any deviation of its own.
     """
-    found = amplitude(solution, effect.columns(solution))
-    extra = found.n - 1 + (effect.kind == "patch")
-    return found.drop - WORTH * extra - 2 * log(effect.alike)
+    seen = amplitude(solution, effect.columns(solution))
+    extra = seen.n - 1 + (effect.kind == "patch")
+    return seen.drop - WORTH * extra - 2 * log(effect.alike)
 
 
 def select_model(
@@ -405,7 +422,7 @@ def _obstacle(
     drop = simple.chi_squared - better.chi_squared
     if p_value_of_chi_squared(max(drop, 0.0) / unexplained, dof) * better.candidate.alike >= SMALL_P_VALUE:
         return info("model-not-significant")
-    alternative = max(effects, key=lambda one: worth(simple, one), default=None)
+    alternative = max(effects, key=lambda effect: worth(simple, effect), default=None)
     if alternative is not None and worth(simple, alternative) >= drop:
         return info("model-alternative", alternative=alternative.name)
     return None

@@ -112,8 +112,8 @@ def verify(
     )
     # Where the scale cancels, its traceability does not matter.
     of_meter = [f for f in meter.findings(readings) if comparison.scales or f.code != "meter-without-certificate"]
-    found = [*of_readings, *of_meter, *(f for row in seen.values() for f in row.findings), *of_frames]
-    return replace(result, findings=(*verification_findings(result), *summarised(found)))
+    all_findings = [*of_readings, *of_meter, *(f for row in seen.values() for f in row.findings), *of_frames]
+    return replace(result, findings=(*verification_findings(result), *summarised(all_findings)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,34 +133,34 @@ class _Comparison:
 
     @property
     def deviation_rel(self) -> NDArray[np.float64]:
-        return np.array([one.luminance_cd_m2 / self.read[one.patch].luminance_cd_m2 - 1 for one in self.seen])
+        return np.array([patch.luminance_cd_m2 / self.read[patch.patch].luminance_cd_m2 - 1 for patch in self.seen])
 
     @property
     def _own_rel2(self) -> NDArray[np.float64]:
         """Variances by the pixels and the place of each patch."""
-        of_pixels = [one.random_rel**2 - one.scatter_rel**2 - self.field_rel**2 for one in self.seen]
+        of_pixels = [patch.random_rel**2 - patch.scatter_rel**2 - self.field_rel**2 for patch in self.seen]
         if SURROUNDINGS in self.shown:
-            of_pixels = [part - one.rim_rel**2 for part, one in zip(of_pixels, self.seen, strict=True)]
-        uneven = [self.nonuniformity_rel[one.patch] ** 2 for one in self.seen]
-        own: NDArray[np.float64] = np.maximum(of_pixels, 0.0) + uneven
-        return own
+            of_pixels = [part - patch.rim_rel**2 for part, patch in zip(of_pixels, self.seen, strict=True)]
+        uneven = [self.nonuniformity_rel[patch.patch] ** 2 for patch in self.seen]
+        variances: NDArray[np.float64] = np.maximum(of_pixels, 0.0) + uneven
+        return variances
 
     @cached_property
     def _common(self) -> list[tuple[str, NDArray[np.float64], float]]:
         """Source, pattern and degrees of freedom of each common error but those of the meter and those to be shown."""
-        common = [numbered(one.common) for one in self.seen]
-        found = []
+        common = [numbered(patch.common) for patch in self.seen]
+        patterns = []
         for name in dict.fromkeys(name for errors in common for name in errors):
             if name[0] not in (*METER_SOURCES, *self.shown):
-                own = [errors.get(name, CommonError(name[0], 0.0)) for errors in common]
-                pattern = np.array([float(error.relative) for error in own])
-                found.append((name[0], pattern, min(error.dof for error in own)))
-        return found
+                same = [errors.get(name, CommonError(name[0], 0.0)) for errors in common]
+                pattern = np.array([float(error.relative) for error in same])
+                patterns.append((name[0], pattern, min(error.dof for error in same)))
+        return patterns
 
     @property
     def covariance(self) -> NDArray[np.float64]:
-        readings = np.array([self.read[one.patch].variance_rel for one in self.seen])
-        scatter = np.square([one.scatter_rel for one in self.seen])
+        readings = np.array([self.read[patch.patch].variance_rel for patch in self.seen])
+        scatter = np.square([patch.scatter_rel for patch in self.seen])
         covariance = np.diag(self._own_rel2 + readings + scatter + self.field_rel**2)
         for _, pattern, _ in self._common:
             covariance = covariance + np.outer(pattern, pattern)
@@ -168,14 +168,16 @@ class _Comparison:
 
     def _measured(self, weights: NDArray[np.float64]) -> list[Part]:
         """Parts of a weighted mean of the deviations by what is measured now."""
-        readings = parts_of_readings([self.read[one.patch] for one in self.seen], weights.tolist())
+        readings = parts_of_readings([self.read[patch.patch] for patch in self.seen], weights.tolist())
         of_frames = [variance_from_one_estimate(self._of_sources(weights, source)) for source in OF_FRAMES]
         of_times = self._of_sources(weights, EXPOSURE_TIME)
         return [(float(weights**2 @ self._own_rel2), inf), *readings, *of_frames, *of_times]
 
     def _calibrated(self, weights: NDArray[np.float64]) -> list[Part]:
         """Parts by the calibration, without what flat field or vignetting leave."""
-        scatter = [(w**2 * one.scatter_rel**2, one.scatter_dof) for w, one in zip(weights, self.seen, strict=True)]
+        scatter = [
+            (w**2 * patch.scatter_rel**2, patch.scatter_dof) for w, patch in zip(weights, self.seen, strict=True)
+        ]
         of_fit = variance_from_one_estimate([*self._of_sources(weights, "fit"), *scatter])
         others = {source for source, _, _ in self._common if not source.startswith(("fit", *_MEASURED, FLAT_FIELD))}
         return [of_fit, *(part for source in sorted(others) for part in self._of_sources(weights, source))]
@@ -185,8 +187,8 @@ class _Comparison:
         return [(float(np.sum(weights**2)) * self.field_rel**2, inf), *self._of_sources(weights, FLAT_FIELD)]
 
     def _of_sources(self, weights: NDArray[np.float64], start: str) -> list[Part]:
-        own = [(pattern, dof) for source, pattern, dof in self._common if source.startswith(start)]
-        return [(float(weights @ pattern) ** 2, dof) for pattern, dof in own]
+        same = [(pattern, dof) for source, pattern, dof in self._common if source.startswith(start)]
+        return [(float(weights @ pattern) ** 2, dof) for pattern, dof in same]
 
     def mean(self) -> tuple[float, float]:
         """Mean deviation by generalised least squares, and its U (95 %)."""
@@ -232,7 +234,7 @@ class _Comparison:
 
     def rows(self, tolerance_rel: Callable[[float], float]) -> Iterator[VerifiedPatch]:
         """One row per patch; what flat field or assumed vignetting leave at its place is part of its tolerance."""
-        of_scales, variances = hypot(*(one.common_rel for one in self.scales)), np.diag(self.covariance).tolist()
+        of_scales, variances = hypot(*(scale.common_rel for scale in self.scales)), np.diag(self.covariance).tolist()
         for n, (s, deviation, variance) in enumerate(
             zip(self.seen, self.deviation_rel.tolist(), variances, strict=True)
         ):
@@ -262,7 +264,7 @@ def _compared(
     shown: tuple[str, ...] = (VIGNETTING, STABILITY),
 ) -> tuple[_Comparison, list[Finding]]:
     """Combine the readings of each patch, and determine the relevant scale errors."""
-    read, findings = combine_patches({one.patch: readings.get(one.patch, ()) for one in seen})
+    read, findings = combine_patches({row.patch: readings.get(row.patch, ()) for row in seen})
     for patch in read:
         if read[patch].luminance_cd_m2 == 0:
             raise CalibrationError(f"patch {patch!r} reads 0 cd/m², below the meter's range: verify a brighter one")
@@ -270,7 +272,7 @@ def _compared(
     scales = scales_apart(meter, calibrated)
     if (meter.meter.model, meter.meter.serial) == (calibrated.meter.model, calibrated.meter.serial):
         # One instrument: its spectral mismatch is the same in the same light.
-        scales = tuple(replace(one, f1_prime=None) for one in scales)
+        scales = tuple(replace(scale, f1_prime=None) for scale in scales)
     uneven = {patch: nonuniformity_rel(calibration.planes, groups[patch]) for patch in read}
     return _Comparison(seen, read, uneven, meter, scales, calibration.field_rel, shown), findings
 
@@ -316,20 +318,20 @@ def changes_since(
     if abs(deviation) <= max(by_chance_rel, with_stability_rel, SMALL_EFFECT_REL):
         return calibration, {}, []
     measured = f"{calibration.provenance.measured:%Y-%m-%d}"
-    found = warning("responsivity-changed", deviation_rel=deviation, expanded_rel=expanded, measured=measured)
-    return calibration.changed_by(deviation), {}, [found]
+    change = warning("responsivity-changed", deviation_rel=deviation, expanded_rel=expanded, measured=measured)
+    return calibration.changed_by(deviation), {}, [change]
 
 
 def _deviating(comparison: _Comparison, stability_rel: float) -> tuple[dict[str, float], list[Finding]]:
     """Return the patches that contradict the meter alone, with their deviations, and findings."""
     deviating, findings = {}, []
-    for n, (one, deviation) in enumerate(zip(comparison.seen, comparison.deviation_rel.tolist(), strict=True)):
+    for n, (patch, deviation) in enumerate(zip(comparison.seen, comparison.deviation_rel.tolist(), strict=True)):
         parts = comparison.parts_of(n)
         expanded = expanded_with_scales(comparison.scales, [*parts, (stability_rel**2, inf)])
         if abs(deviation) > max(expanded * three_over_two(effective_dof(parts)), SMALL_EFFECT_REL):
-            deviating[one.patch] = deviation
+            deviating[patch.patch] = deviation
             values = {"deviation_rel": deviation, "expanded_rel": expanded}
-            findings.append(warning("patch-contradicts-meter", one.patch, **values))
+            findings.append(warning("patch-contradicts-meter", patch.patch, **values))
     return deviating, findings
 
 
@@ -370,10 +372,10 @@ def _planes(
     )
 
 
-def _own_rel(plane: Calibration, own: Sequence[PatchLuminance]) -> float:
+def _own_rel(plane: Calibration, patches: Sequence[PatchLuminance]) -> float:
     """Relative standard uncertainty of a plane's mean over patches, by what differs from plane to plane."""
-    noise = sum(own_rel(plane, one) ** 2 for one in own) / len(own) ** 2
-    return sqrt(noise + plane.responsivity.scatter_rel**2 / len(own) + max(one.fit_rel for one in own) ** 2)
+    noise = sum(own_rel(plane, patch) ** 2 for patch in patches) / len(patches) ** 2
+    return sqrt(noise + plane.responsivity.scatter_rel**2 / len(patches) + max(patch.fit_rel for patch in patches) ** 2)
 
 
 def _measured(
@@ -412,14 +414,14 @@ def _dark_rows(calibration: AnyCalibration, darks: ByPlane[DarkObservation]) -> 
     for plane, weight in zip(calibration.planes, calibration.weights, strict=True):
         # The lowest luminance is measured with the longest exposures.
         effect_rel_per_dn = weight / (calibration.range_cd_m2[0] * plane.dn_per_cd_m2(plane.exposures_s[-1]))
-        for dark in sorted(darks.get(plane.state.plane, ()), key=lambda one: one.exposure_s):
+        for dark in sorted(darks.get(plane.state.plane, ()), key=lambda dark: dark.exposure_s):
             model = plane.setting(dark.state.gain_db).dark
-            own = dark.mean_variance_dn2 + model.variance_dn2(dark.exposure_s, dark.temperature_c)
+            variance_dn2 = dark.mean_variance_dn2 + model.variance_dn2(dark.exposure_s, dark.temperature_c)
             yield VerifiedDark(
                 plane=dark.state.plane,
                 exposure_s=dark.exposure_s,
                 mean_dn=dark.mean_dn,
                 expected_dn=model.mean_dn(dark.exposure_s, dark.temperature_c),
-                standard_uncertainty_dn=hypot(sqrt(own), DRIFT_DN / sqrt(3)),
+                standard_uncertainty_dn=hypot(sqrt(variance_dn2), DRIFT_DN / sqrt(3)),
                 effect_rel_per_dn=effect_rel_per_dn,
             )

@@ -68,22 +68,22 @@ def calibrate_session(
         _require_alike(observed, other)
     joined = _joined([observed, *more])
     require_patches(held_out, joined.names, "to hold out")
-    hashes, bench = tuple(one.input_sha256 for one in (observed, *more)), observed.configuration
+    hashes, bench = tuple(session.input_sha256 for session in (observed, *more)), observed.configuration
     setup = replace(
         session_setup(bench, hashlib.sha256("".join(hashes).encode()).hexdigest() if more else hashes[0]),
         sessions_sha256=hashes if more else (),
-        frames_sha256=tuple(sorted({key for one in (observed, *more) for key in one.frames_sha256})),
+        frames_sha256=tuple(sorted({key for session in (observed, *more) for key in session.frames_sha256})),
     )
     calibration = _fit(joined, setup, held_out, response)
     if all_used:
         _require_all_used(calibration, joined)
     of_corrections = [
         finding if plane is None else finding.within(f"plane {plane}")
-        for plane, own in observed.corrections.items()
-        for finding in own.findings
+        for plane, correction in observed.corrections.items()
+        for finding in correction.findings
     ]
-    lenses = [configured_lens(one.configuration) for one in (observed, *more)]
-    of_lens = [found for lens in lenses[1:] for found in lens_findings(lenses[0], lens)]
+    lenses = [configured_lens(session.configuration) for session in (observed, *more)]
+    of_lens = [finding for lens in lenses[1:] for finding in lens_findings(lenses[0], lens)]
     return replace(calibration, findings=unique([*calibration.findings, *of_corrections, *of_lens]))
 
 
@@ -105,8 +105,8 @@ def _fit(
     observed: ObservedSession, setup: Setup, held_out: Collection[str], response: ResponseCurve | None
 ) -> AnyCalibration:
     seen, darks = observed.by_plane, observed.darks_by_plane
-    defects = {plane: own.defects for plane, own in observed.corrections.items()}
-    libraries = {plane: own.dark_library for plane, own in observed.corrections.items()}
+    defects = {plane: correction.defects for plane, correction in observed.corrections.items()}
+    libraries = {plane: correction.dark_library for plane, correction in observed.corrections.items()}
     if None in observed.corrections:
         return fit(
             seen[None], darks[None], observed.readings, setup,
@@ -135,36 +135,38 @@ def _joined(sessions: Sequence[ObservedSession]) -> ObservedSession:
     patches = {
         plane: {
             named(patch, n): [replace(o, patch=named(patch, n)) for o in group]
-            for n, one in numbered
-            for patch, group in one.patches_by_plane[plane].items()
+            for n, session in numbered
+            for patch, group in session.patches_by_plane[plane].items()
         }
         for plane in sessions[0].corrections
     }
-    darks = {plane: [dark for one in sessions for dark in one.darks_by_plane[plane]] for plane in patches}
-    readings = {named(patch, n): group for n, one in numbered for patch, group in one.readings.items()}
+    darks = {plane: [dark for session in sessions for dark in session.darks_by_plane[plane]] for plane in patches}
+    readings = {named(patch, n): group for n, session in numbered for patch, group in session.readings.items()}
     return replace(sessions[0], patches_by_plane=patches, darks_by_plane=darks, readings=readings)
 
 
 def _require_alike(first: ObservedSession, other: ObservedSession) -> None:
-    one, two = first.configuration, other.configuration
-    lens = configured_lens(one)
-    certificates = (of.meter.certificate for of in (one, two))
+    setup, other_setup = first.configuration, other.configuration
+    lens = configured_lens(setup)
+    certificates = (each.meter.certificate for each in (setup, other_setup))
     for what, mine, theirs in (
-        ("lens", lens, lens if configured_lens(two).is_as_in(lens) else configured_lens(two)),
+        ("lens", lens, lens if configured_lens(other_setup).is_as_in(lens) else configured_lens(other_setup)),
         ("certificate of the meter", *("none" if c is None else f"{c.number} of {c.date}" for c in certificates)),
-        ("source spectrum", one.source.spectrum, two.source.spectrum),
+        ("source spectrum", setup.source.spectrum, other_setup.source.spectrum),
     ):
         if mine != theirs:
             raise CalibrationError(
-                f"the {what} of session {one.name!r} is {mine or 'none'}, that of {two.name!r} {theirs or 'none'}: "
-                "calibrate them separately"
+                f"the {what} of session {setup.name!r} is {mine or 'none'}, that of {other_setup.name!r} "
+                f"{theirs or 'none'}: calibrate them separately"
             )
     # Light and sensitivity of the camera, as measured if they were; their files' names do not matter.
-    sensitivities = [of.camera.spectral_sensitivity and of.camera.spectral_sensitivity.spectra for of in (one, two)]
-    if one.source.light != two.source.light or sensitivities[0] != sensitivities[1]:
+    sensitivities = [
+        each.camera.spectral_sensitivity and each.camera.spectral_sensitivity.spectra for each in (setup, other_setup)
+    ]
+    if setup.source.light != other_setup.source.light or sensitivities[0] != sensitivities[1]:
         raise CalibrationError(
-            f"sessions {one.name!r} and {two.name!r} have different measured spectra of the light "
-            f"{one.source.spectrum!r} or of the camera: calibrate them separately, or give both the same files"
+            f"sessions {setup.name!r} and {other_setup.name!r} have different measured spectra of the light "
+            f"{setup.source.spectrum!r} or of the camera: calibrate them separately, or give both the same files"
         )
 
 
@@ -223,24 +225,24 @@ def calibrate_recorded(
     CalibrationError, SessionError, InputError
         As `require_distinct`, `measure_vignetting`, `measure_session`, `session_response` and `calibrate_session`.
     """
-    if len({planes_of(one) for one in sessions}) > 1:
+    if len({planes_of(session) for session in sessions}) > 1:
         raise CalibrationError("some of the sessions have colour filters, others have none: calibrate them separately")
     require_distinct(sessions)
     lens = lens_corrections(sessions[0])
     given = lens if uniform is None else uniform.corrections
     corrections, darks = with_dark_frames(given, sessions, report("dark frames"))
     measured = [
-        measure_session(one, corrections, [] if number else without, report("reading"), certificate, darks[number])
-        for number, one in enumerate(sessions)
+        measure_session(session, corrections, [] if number else without, report("reading"), certificate, darks[number])
+        for number, session in enumerate(sessions)
     ]
 
-    def calibrated(own: PlaneCorrections) -> AnyCalibration:
-        observed = [one.observed(own) for one in measured]
+    def calibrated(corrections_now: PlaneCorrections) -> AnyCalibration:
+        observed = [session.observed(corrections_now) for session in measured]
         curve = session_response(observed[0]) if bracket else None
         return calibrate_session(*observed, held_out=held_out, response=curve)
 
     calibration = calibrated(corrections) if uniform is None else _in_turns(calibrated, corrections, lens, uniform)
-    return [one.observed(calibration_corrections(calibration)) for one in measured], calibration
+    return [session.observed(calibration_corrections(calibration)) for session in measured], calibration
 
 
 def _in_turns(
@@ -254,7 +256,9 @@ def _in_turns(
         calibration = calibrated(corrections)
     except CalibrationError:
         # Of a camera with a tone curve the flat field itself may be so wrong that nothing fits.
-        corrections = {plane: replace(own, vignetting=lens[plane].vignetting) for plane, own in corrections.items()}
+        corrections = {
+            plane: replace(correction, vignetting=lens[plane].vignetting) for plane, correction in corrections.items()
+        }
         calibration = calibrated(corrections)
         if _is_linear(calibration):
             raise
@@ -266,7 +270,9 @@ def _in_turns(
         change = max(_change(corrections[plane], linearised[plane], uniform) for plane in corrections)
         if change <= _SETTLED_REL:
             return calibration
-        corrections = {plane: replace(own, vignetting=linearised[plane]) for plane, own in corrections.items()}
+        corrections = {
+            plane: replace(correction, vignetting=linearised[plane]) for plane, correction in corrections.items()
+        }
         calibration = calibrated(corrections)
     unsettled = warning("flat-field-not-settled", change_rel=change)
     return replace(calibration, findings=unique([*calibration.findings, unsettled]))
@@ -279,5 +285,5 @@ def _is_linear(calibration: AnyCalibration) -> bool:
 def _change(before: Corrections, vignetting: AnyVignetting, uniform: UniformLight) -> float:
     """Largest relative change of the vignetting at a typical pixel of a region: its 99th percentile."""
     assert before.vignetting is not None
-    old, new = (one.relative_illuminance(uniform.shape) for one in (before.vignetting, vignetting))
+    old, new = (v.relative_illuminance(uniform.shape) for v in (before.vignetting, vignetting))
     return float(np.quantile(np.abs(new / old - 1), 0.99))

@@ -122,13 +122,13 @@ def _budget_tables(calibration: AnyCalibration) -> tuple[Table, Table]:
 
 def _sources(budgets: Sequence[Budget]) -> Table:
     """One row for each source; all of it but the uncertainty is that at the lowest luminance."""
-    by_source = [{row.source: row.u_rel for row in one.rows} for one in budgets]
+    by_source = [{row.source: row.u_rel for row in budget_of_level.rows} for budget_of_level in budgets]
     columns = (
         Column("source", "source", "", "Source of the uncertainty."),
         *(
-            Column(f"u_{level}_rel", f"u at {significant(one.luminance_cd_m2, 4)} cd/m²", "%",
+            Column(f"u_{level}_rel", f"u at {significant(budget_of_level.luminance_cd_m2, 4)} cd/m²", "%",
                    f"Relative standard uncertainty at the {level} luminance.", decimals=3, value=partial(_u_rel, us))
-            for level, one, us in zip(("lowest", "middle", "highest"), budgets, by_source, strict=True)
+            for level, budget_of_level, us in zip(("lowest", "middle", "highest"), budgets, by_source, strict=True)
         ),
         Column("distribution", "distribution", "", "Distribution of the error."),
         Column("evaluation", "type", "", "A: from statistics of this measurement; B: from data sheets and other "
@@ -229,8 +229,8 @@ def _of_planes(
     name: str, title: str, columns: Sequence[Column], planes: Mapping[str, AnyCalibration], what: str, note: str = ""
 ) -> Table:
     """Return what each plane has of something, with the plane where there are several; empty for the combination."""
-    rows = [(plane, one) for plane, calibration in planes.items() for one in getattr(calibration, what)]
-    table = Table.of_items(name, title, columns, [one for _, one in rows], note, detail=True)
+    rows = [(plane, row) for plane, calibration in planes.items() for row in getattr(calibration, what)]
+    table = Table.of_items(name, title, columns, [row for _, row in rows], note, detail=True)
     if len(planes) == 1:
         return table
     of_plane = Column("plane", "plane", "", "Colour plane.")
@@ -257,6 +257,6 @@ def _planes(colour: ColourCalibration) -> Table:
                value="0.dark.offset_dn"),
         Column("k_dn_per_e", "K", "DN/e⁻", "Overall system gain.", digits=3, value="0.noise.k_dn_per_e"),
         Column("largest_deviation_rel", "largest deviation", "%", "Of a patch, from the fit of the plane.", digits=2,
-               value=lambda row: max(abs(one.residual_rel) for one in row[0].residuals)),
+               value=lambda row: max(abs(residual.residual_rel) for residual in row[0].residuals)),
     )  # fmt: skip
     return Table.of_items("planes", "Colour planes", columns, planes, page_text("weights-of-planes"))

@@ -78,12 +78,12 @@ def verification_certificate(
         before, then = verification.calibration_meter, verification.calibration_measured
         other = f" The camera was calibrated with {meter_text(before.meter)}; {traceability(before, then)}."
     # The verdict is on top, without its advice.
-    own = [one for one in verification.findings if not one.code.startswith("verification-")]
-    others = [one for one in calibration.findings if one not in own]
+    shown_findings = [finding for finding in verification.findings if not finding.code.startswith("verification-")]
+    others = [finding for finding in calibration.findings if finding not in shown_findings]
     sections = (
         Section("Results", [results]),
         Section("As found and as left", [_as_found(verification, saved_calibration)]),
-        _warnings(own),
+        _warnings(shown_findings),
         *([_warnings(others, "Further warnings of the calibration")] if warning_texts(others) else []),
         Section("Decision rule", [decision_rule(verification)]),
         Section("Method", [page_text("certificate-method-of-verification", **_method(calibration))]),

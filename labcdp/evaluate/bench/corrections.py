@@ -162,26 +162,30 @@ def with_dark_frames(
         if not measured and len(records) > 1:
             frames = [*frames]
             whole = measure_planes(frames, planes)
-            known = {plane: _without_defects(own, whole[plane][0]) for plane, own in corrections.items()}
-        measured[k] = measure_planes(frames, planes, defects={plane: own.defects for plane, own in known.items()})
+            known = {plane: _without_defects(correction, whole[plane][0]) for plane, correction in corrections.items()}
+        measured[k] = measure_planes(
+            frames, planes, defects={plane: correction.defects for plane, correction in known.items()}
+        )
     darks: list[dict[str | None, list[MeasuredFrames]]] = [{plane: [] for plane in planes} for _ in sessions]
     for k, (number, _) in enumerate(groups):
         for plane in planes:
             darks[number][plane] += measured[k][plane]
     result: dict[str | None, Corrections] = {}
-    for plane, own in known.items():
-        library, findings = _library([dark for of in darks for dark in of[plane]], own.defects, light_s)
-        result[plane] = replace(own, dark_library=library, findings=(*own.findings, *findings))
+    for plane, correction in known.items():
+        library, findings = _library([dark for of in darks for dark in of[plane]], correction.defects, light_s)
+        result[plane] = replace(correction, dark_library=library, findings=(*correction.findings, *findings))
     return result, [(planes, frozenset(keys)) for planes, keys in zip(darks, hashes, strict=True)]
 
 
-def _without_defects(own: Corrections, dark: MeasuredFrames) -> Corrections:
+def _without_defects(corrections: Corrections, dark: MeasuredFrames) -> Corrections:
     """Add hot and noisy pixels of repeated dark frames."""
     hot = find_defects(dark)
     if hot.n_pixels == 0:
-        return own
-    defects = hot if own.defects is None else own.defects.joined(hot)
-    return replace(own, defects=defects, findings=(*own.findings, info("hot-pixels", count=hot.n_pixels)))
+        return corrections
+    defects = hot if corrections.defects is None else corrections.defects.joined(hot)
+    return replace(
+        corrections, defects=defects, findings=(*corrections.findings, info("hot-pixels", count=hot.n_pixels))
+    )
 
 
 def _library(
@@ -282,8 +286,8 @@ def require_same_optics(session: Session, flat: Session) -> None:
     CalibrationError
         If camera, image size, binning or part of the sensor, pixel format, lens or f-number differ.
     """
-    mine, theirs = (settings_frame(one) for one in (session, flat))
-    lens, other = (configured_lens(one.configuration) for one in (session, flat))
+    mine, theirs = (settings_frame(each) for each in (session, flat))
+    lens, other = (configured_lens(each.configuration) for each in (session, flat))
     for what, a, b in (
         ("camera", str(mine.camera), str(theirs.camera)),
         ("image size", f"{mine.shape[1]} x {mine.shape[0]}", f"{theirs.shape[1]} x {theirs.shape[0]}"),

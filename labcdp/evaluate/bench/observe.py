@@ -105,7 +105,7 @@ class ObservedSession:
     @cached_property
     def by_meter(self) -> dict[str, PatchReading]:
         """Patches by the meter, those that have a reading; raises CalibrationError as `combine_patches`."""
-        return combine_patches({patch: own for patch, own in self.readings.items() if own})[0]
+        return combine_patches({patch: readings for patch, readings in self.readings.items() if readings})[0]
 
     @cached_property
     def meter_scale(self) -> MeterScale:
@@ -188,7 +188,7 @@ class MeasuredSession:
 
     def observed(self, corrections: PlaneCorrections) -> ObservedSession:
         """Return what the frames say, with corrections that are those of the measurement but for the vignetting."""
-        patches = {plane: self._patches(plane, own) for plane, own in corrections.items()}
+        patches = {plane: self._patches(plane, correction) for plane, correction in corrections.items()}
         return ObservedSession(
             self.session,
             self.configuration,
@@ -297,7 +297,7 @@ def measure_session(
             f"the sensor of the session has {has} colour filter, the corrections are for one that has {wants} colour "
             "filter: use those of this camera"
         )
-    defects = {plane: own.defects for plane, own in corrections.items()}
+    defects = {plane: correction.defects for plane, correction in corrections.items()}
     regions = [patch.region() for patch in patches]
     load = frame_loader(report, len(session.frames("light" if darks else None)))
     dark_frames, dark_hashes = darks or _measure_darks(session, planes, defects, load)
@@ -366,10 +366,11 @@ def _left_out(without: Sequence[str], session: Session) -> tuple[list[str], list
     for text in (name for name in without if name not in of_patches):
         patch, _, number = text.rpartition(":")
         require_patches([patch], known, "to leave out")
-        own = [record for record in session.readings() if record.patch == patch]
-        if not (number.isdecimal() and 1 <= int(number) <= len(own)):
-            raise InputError(f"there is no reading {text!r} to leave out: patch {patch!r} has {len(own)}, from 1 on")
-        unread.append(own[int(number) - 1])
+        of_patch = [record for record in session.readings() if record.patch == patch]
+        if not (number.isdecimal() and 1 <= int(number) <= len(of_patch)):
+            n = len(of_patch)
+            raise InputError(f"there is no reading {text!r} to leave out: patch {patch!r} has {n}, from 1 on")
+        unread.append(of_patch[int(number) - 1])
     return of_patches, unread
 
 
@@ -395,19 +396,19 @@ def calibration_for_frames(session: Session, calibration: AnyCalibration) -> tup
     if calibration.provenance.comes_from(input_sha256(session)):
         return calibration.at_their_temperature(), []
     first = [session.load(record) for record in session.frames()[:1]]
-    calibration = calibration.for_use([one.timestamp for one in first], [one.temperature_c for one in first])
+    calibration = calibration.for_use([frame.timestamp for frame in first], [frame.temperature_c for frame in first])
     groups = by_exposure(session, "dark").values()
     if not groups or min(map(len, groups)) < MIN_FRAMES:
         return calibration, other_conditions_findings(calibration)
-    own = calibration_for(session, calibration)
-    corrections, planes = calibration_corrections(own), planes_of(session)
+    in_part = calibration_for(session, calibration)
+    corrections, planes = calibration_corrections(in_part), planes_of(session)
     load = frame_loader(lambda _done, _total: None, len(session.frames("dark")))
     defects = {plane: corrections[plane].defects for plane in planes}
     darks = {
         plane: [dark_observation(dark, corrections[plane].dark_library) for dark in measured]
         for plane, measured in _measure_darks(session, planes, defects, load)[0].items()
     }
-    calibration, findings = in_session(own, {}, darks)
+    calibration, findings = in_session(in_part, {}, darks)
     return calibration, [*findings, *other_conditions_findings(calibration)]
 
 

@@ -33,9 +33,9 @@ def frame_loader(report: Report, total: int) -> Loader:
     return load
 
 
-def require_patches(asked: Iterable[str], known: Sequence[str], purpose: str) -> None:
+def require_patches(names: Iterable[str], known: Sequence[str], purpose: str) -> None:
     """Raise InputError for the first name that is not known."""
-    unknown = sorted(set(asked) - set(known))
+    unknown = sorted(set(names) - set(known))
     if unknown:
         raise InputError(f"there is no patch {unknown[0]!r} {purpose}: choose from {', '.join(known)}")
 
@@ -54,7 +54,7 @@ def require_distinct(sessions: Sequence[Session]) -> None:
     seen: dict[str, Session] = {}
     for session in sessions if len(sessions) > 1 else ():
         keys = pixel_hashes(session.load(record) for record in session.frames())
-        keys += [f"{one.patch}\n{one.reading.value} {one.reading.timestamp}" for one in session.readings()]
+        keys += [f"{record.patch}\n{record.reading.value} {record.reading.timestamp}" for record in session.readings()]
         shared = [seen[key] for key in keys if key in seen]
         if shared:
             simulated = any(isinstance(r, EventRecord) and r.kind == SIMULATED_BENCH for r in session.records)
@@ -82,7 +82,7 @@ def noted(frames: Iterable[Frame], hashes: set[str]) -> Iterator[Frame]:
 def measured_in(session: Session, calibration: AnyCalibration) -> bool:
     """Whether a calibration is of this session, also if parts of it were taken again since."""
     measured = calibration.provenance.measured
-    return any(isinstance(one, ReadingRecord) and one.reading.timestamp == measured for one in session.records)
+    return any(isinstance(record, ReadingRecord) and record.reading.timestamp == measured for record in session.records)
 
 
 def configured_lens(configuration: SessionConfiguration) -> LensIdentity:
@@ -99,10 +99,10 @@ def configured_lens(configuration: SessionConfiguration) -> LensIdentity:
     )
 
 
-def lens_findings(one: LensIdentity, other: LensIdentity) -> list[Finding]:
+def lens_findings(lens: LensIdentity, other: LensIdentity) -> list[Finding]:
     """Return a finding if only one of two lenses that are taken for the same has a serial number."""
-    serial = one.serial or other.serial
-    return [warning("lens-serial-open", serial, model=one.model)] if one.serial_is_open(other) else []
+    serial = lens.serial or other.serial
+    return [warning("lens-serial-open", serial, model=lens.model)] if lens.serial_is_open(other) else []
 
 
 def certificate_from_calibration(calibration: AnyCalibration, session: Session) -> MeterCertificate | None:

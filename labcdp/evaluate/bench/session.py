@@ -105,12 +105,15 @@ def observe_calibrated(
     if calibration is None:
         observed = observe_session(session, without, report, certificate=certificate)
         return observed, calibrate_session(observed, all_used=False)
-    own = calibration_for(session, calibration)
-    certificate, corrections = certificate or certificate_from_calibration(own, session), calibration_corrections(own)
+    in_part = calibration_for(session, calibration)
+    certificate, corrections = (
+        certificate or certificate_from_calibration(in_part, session),
+        calibration_corrections(in_part),
+    )
     kept = None
     if beside is not None:
         kept = kept_session(session, corrections, beside.with_name(OBSERVATIONS), without, report, certificate)
-    return kept or observe_session(session, without, report, corrections, certificate), own
+    return kept or observe_session(session, without, report, corrections, certificate), in_part
 
 
 def evaluate_session(
@@ -137,20 +140,20 @@ def evaluate_session(
     configuration, session = observed.configuration, observed.session
     pairs = configuration.contrasts if contrasts is None else contrasts
     findings = mismatch(configuration, calibration)
-    own = calibration.provenance.comes_from(observed.input_sha256)
-    if own:
+    is_calibrated_with = calibration.provenance.comes_from(observed.input_sha256)
+    if is_calibrated_with:
         calibration = calibration.at_their_temperature()
     else:
         if measured_in(session, calibration):
             findings = [warning("calibration-before-retake", str(session.path)), *findings]
         calibration, of_session = in_session(calibration, observed.by_plane, observed.darks_by_plane)
         findings += of_session
-        seen_c = [one.temperature_c for group in observed.by_plane.values() for one in group]
+        seen_c = [o.temperature_c for group in observed.by_plane.values() for o in group]
         calibration = calibration.for_use(observed.times, seen_c)
         findings += other_conditions_findings(calibration)
     measured = [patch for patch in configuration.target.patches if patch.name in observed.names]
     patches = {patch.name: patch_row(patch, observed, calibration) for patch in measured}
-    if not own:
+    if not is_calibrated_with:
         # A bound contradicts no reading.
         seen = [row.calibrated for row in patches.values() if not row.bound]
         rest = observed.by_plane, seen, observed.readings, observed.meter_scale
@@ -158,8 +161,8 @@ def evaluate_session(
         findings += of_change
         patches = {name: patch_row(row.patch, observed, calibration) for name, row in patches.items()}
         patches |= {name: patches[name].doubted(deviation) for name, deviation in deviating.items()}
-    asked = [name for pair in pairs for name in (pair.bright, pair.dark)]
-    require_patches(asked, [*patches], "for the contrast (it may have been left out)")
+    names = [name for pair in pairs for name in (pair.bright, pair.dark)]
+    require_patches(names, [*patches], "for the contrast (it may have been left out)")
     of_patches = [finding for row in patches.values() for finding in row.calibrated.findings]
     maps = frame_maps(observed, calibration)
     rows = [contrast_row(observed, calibration, maps, pair, patches) for pair in pairs]
@@ -186,16 +189,16 @@ def chosen_contrasts(
     if pairs is not None:
         names = [patch.name for patch in configuration.target.patches]
         require_patches([name for pair in pairs for name in pair], names, "for the contrast")
-        asked = [{"bright": bright, "dark": dark, "contrast": 1.0} for bright, dark in pairs]
-        chosen = tuple(map(ContrastConfiguration.model_validate, asked))
+        given = [{"bright": bright, "dark": dark, "contrast": 1.0} for bright, dark in pairs]
+        chosen = tuple(map(ContrastConfiguration.model_validate, given))
     if epsilon is not None:
-        chosen = tuple(one.model_copy(update={"epsilon": float(epsilon)}) for one in chosen)
+        chosen = tuple(contrast.model_copy(update={"epsilon": float(epsilon)}) for contrast in chosen)
     if cdp_limit is not None:
-        chosen = tuple(one.model_copy(update={"cdp_limit": cdp_limit}) for one in chosen)
+        chosen = tuple(contrast.model_copy(update={"cdp_limit": cdp_limit}) for contrast in chosen)
     if contrasts is None:
         return list(chosen)
-    different = dict.fromkeys(one.model_copy(update={"contrast": 1.0}) for one in chosen)
-    return [one.model_copy(update={"contrast": value}) for one in different for value in contrasts]
+    different = dict.fromkeys(contrast.model_copy(update={"contrast": 1.0}) for contrast in chosen)
+    return [contrast.model_copy(update={"contrast": value}) for contrast in different for value in contrasts]
 
 
 def mismatch(configuration: SessionConfiguration, calibration: AnyCalibration) -> list[Finding]:

@@ -122,13 +122,13 @@ def _verdict(verification: Verification) -> Table:
         Column("tolerance_stated", "stated", "", "Whether it was stated; otherwise it is U (95 %) of the calibration."),
         *with_expanded(mean, "mean_expanded_rel"),
         Column("same_meter", "same meter", "", "Whether it is that of the calibration in the same state."),
-        Column("meter", "meter", "", "Meter with its certificate or date.", value=lambda one: str(one.meter)),
+        Column("meter", "meter", "", "Meter with its certificate or date.", value=lambda row: str(row.meter)),
         Column("calibration_meter", "meter of calibration", "", "Meter with its certificate or date.",
-               value=lambda one: str(one.calibration_meter)),
+               value=lambda row: str(row.calibration_meter)),
         Column("calibrated", "calibrated", "", "Time of the last reading of the calibration.",
-               value=lambda one: minute(one.calibration_measured)),
+               value=lambda row: minute(row.calibration_measured)),
         Column("verified", "verified", "", "Time of the last reading of the verification.",
-               value=lambda one: minute(one.measured)),
+               value=lambda row: minute(row.measured)),
     )  # fmt: skip
     return Table.of_items("verdict", "Verification", columns, [verification], decision_rule(verification))
 
@@ -158,18 +158,18 @@ def verified_patches(verification: Verification) -> Table:
 def _planes(verification: Verification) -> Table:
     balance, change, responsivity = (
         Column("balance_rel", "against all planes", "%", "On grey patches, without the meter.",
-               value=lambda one: one.drift and one.balance_rel),
+               value=lambda row: row.drift and row.balance_rel),
         Column("change_rel", "against the meter", "%", "Of the responsivity, on grey patches.", value="drift.relative"),
         Column("responsivity", "responsivity now", RESPONSIVITY, "With this change.",
                value="drift.responsivity_dn_s_cd_m2"),
     )  # fmt: skip
     columns = (
-        Column("plane", "plane", value=lambda one: f"{one.plane}"),
-        *with_expanded(balance, lambda one: one.drift and one.balance_expanded_rel),
+        Column("plane", "plane", value=lambda row: f"{row.plane}"),
+        *with_expanded(balance, lambda row: row.drift and row.balance_expanded_rel),
         *with_expanded(change, "drift.expanded_rel"),
         *with_expanded(
             responsivity,
-            lambda one: one.drift and one.drift.responsivity_dn_s_cd_m2 * one.drift.responsivity_expanded_rel,
+            lambda row: row.drift and row.drift.responsivity_dn_s_cd_m2 * row.drift.responsivity_expanded_rel,
         ),
     )
     return Table.of_items("planes", "Colour planes", columns, verification.planes)

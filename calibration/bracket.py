@@ -89,7 +89,7 @@ def bracket_luminance(conversion: AnyCalibration, frames: Sequence[Frame]) -> Br
     invalid = of_pixels["invalid"]
     combined = _MergedMap(merge, common_rel, luminance_cd_m2=of_pixels.pop("mean"), **of_pixels)
     share = float(np.mean((invalid & Invalid.INCONSISTENT) != 0))
-    exposures_s = tuple(one.frame.exposure_s for one in merge.exposures)
+    exposures_s = tuple(exposure.frame.exposure_s for exposure in merge.exposures)
     return Bracket(combined, n_used, exposures_s, share, _findings(exposures_s, combined, share))
 
 
@@ -139,19 +139,21 @@ class _Merge:
 
     @classmethod
     def of(cls, conversion: AnyCalibration, frames: Sequence[Frame]) -> _Merge:
-        found: list[_Exposure] = []
+        exposures: list[_Exposure] = []
         alike: dict[tuple[float, float, float | None], _Exposure] = {}
         for frame in frames:
             setting = frame.exposure_s, frame.gain_db, frame.temperature_c
             if setting not in alike:
-                one = conversion.to_luminance(frame)
+                luminance = conversion.to_luminance(frame)
                 saturation_dn = int(min(frame.saturation_dn, conversion.state.saturation_dn))
                 full = frame.with_pixels(np.full_like(frame.dn, saturation_dn))
                 dark_cd_m2 = conversion.dark_spread_cd_m2(frame)
-                alike[setting] = _Exposure(frame, len(found), full, *_noise(one), dark_cd_m2)
-            found.append(replace(alike[setting], frame=frame))
+                alike[setting] = _Exposure(frame, len(exposures), full, *_noise(luminance), dark_cd_m2)
+            exposures.append(replace(alike[setting], frame=frame))
         require_alike([conversion.to_luminance(frame, (slice(0, 1), slice(0, 1))) for frame in frames])
-        return cls(conversion, tuple(found), one.shape, one.slow_rel, one.fixed_rel, one.step)
+        return cls(
+            conversion, tuple(exposures), luminance.shape, luminance.slow_rel, luminance.fixed_rel, luminance.step
+        )
 
     def windows(self) -> Iterator[Window]:
         rows = max(_BLOCK // self.shape[1], 1)
@@ -159,13 +161,13 @@ class _Merge:
 
     def block(self, window: Window) -> tuple[dict[str, NDArray[Any]], tuple[CommonError, ...]]:
         """Merge the exposures in some rows and columns: what there is of each pixel, and the common errors."""
-        maps = [self.conversion.to_luminance(one.frame, window) for one in self.exposures]
-        luminance = np.stack([one.luminance_cd_m2 for one in maps])
-        sound = np.stack([_usable(one) for one in maps])
-        exposure_s = np.array([one.frame.exposure_s for one in self.exposures], np.float32)[:, None, None]
+        maps = [self.conversion.to_luminance(part.frame, window) for part in self.exposures]
+        luminance = np.stack([part.luminance_cd_m2 for part in maps])
+        sound = np.stack([_usable(part) for part in maps])
+        exposure_s = np.array([part.frame.exposure_s for part in self.exposures], np.float32)[:, None, None]
         expected = _mean(luminance, sound * exposure_s)
-        spread = self._each(lambda one: one.variance_at(expected))
-        limit = self._each(lambda one: self.conversion.to_luminance(one.full, window).luminance_cd_m2)
+        spread = self._each(lambda part: part.variance_at(expected))
+        limit = self._each(lambda part: self.conversion.to_luminance(part.full, window).luminance_cd_m2)
         # Pixels that the expected luminance does not saturate, noise considered.
         usable = sound & (expected + _SATURATION_MARGIN * np.sqrt(spread) < limit)
         # Where no exposure is left, the shortest unsaturated one is used; where there is none, the shortest.
@@ -177,20 +179,20 @@ class _Merge:
         weights[0][nothing] = 1
         weights /= weights.sum(axis=0)
         mean = _mean(luminance, weights)
-        flags = np.stack([one.invalid for one in maps])
+        flags = np.stack([part.invalid for part in maps])
         invalid = np.bitwise_and.reduce(np.where(usable, flags, np.uint8(0xFF)), axis=0)
         invalid = np.where(nothing, flags[0], invalid)
         invalid[self._inconsistent(luminance, usable, mean)] |= Invalid.INCONSISTENT.value
         magnitude = np.maximum(np.abs(mean), np.float32(1e-30))
         variance, slow, fixed, common2 = (np.zeros(mean.shape, np.float32) for _ in range(4))
-        for one, seen, weight in zip(maps, luminance, weights, strict=True):
-            slow += np.square(weight * one.slow_cd_m2)
-            fixed += weight * one.fixed_cd_m2
-            of_frame = np.maximum(one.random_rel**2 - one.fixed_rel**2, 0) * np.square(seen)
-            own = np.maximum(of_frame - np.square(one.fixed_cd_m2), 0)
-            variance += np.where(weight > 0, np.square(weight) * own, 0)
+        for part, seen, weight in zip(maps, luminance, weights, strict=True):
+            slow += np.square(weight * part.slow_cd_m2)
+            fixed += weight * part.fixed_cd_m2
+            of_frame = np.maximum(part.random_rel**2 - part.fixed_rel**2, 0) * np.square(seen)
+            noise = np.maximum(of_frame - np.square(part.fixed_cd_m2), 0)
+            variance += np.where(weight > 0, np.square(weight) * noise, 0)
         shares = luminance * weights / np.where(mean < 0, -magnitude, magnitude)
-        common = _common([one.common_in(WHOLE) for one in maps], shares)
+        common = _common([part.common_in(WHOLE) for part in maps], shares)
         for error in common:
             common2 += np.square(error.relative)
         return {
@@ -206,8 +208,8 @@ class _Merge:
     def _each(self, compute: Callable[[_Exposure], NDArray[Any]]) -> NDArray[Any]:
         """Values of all frames, computed once for those that are alike, shape (frames, height, width)."""
         values: list[NDArray[Any]] = []
-        for number, one in enumerate(self.exposures):
-            values.append(compute(one) if one.first == number else values[one.first])
+        for number, exposure in enumerate(self.exposures):
+            values.append(compute(exposure) if exposure.first == number else values[exposure.first])
         return np.stack(values)
 
     def _inconsistent(self, luminance: _Array, usable: NDArray[np.bool_], mean: _Array) -> NDArray[np.bool_]:
@@ -216,7 +218,9 @@ class _Merge:
         by_tolerance = np.square(np.float32(SMALL_EFFECT_REL) * mean)
         # The dark signal's error of a pixel is the same in all frames: their squares add to one square of it.
         dark = np.float32(len(self.exposures))
-        variance = self._each(lambda one: one.variance_at(mean) + dark * np.float32(one.dark_cd_m2**2) + by_tolerance)
+        variance = self._each(
+            lambda exposure: exposure.variance_at(mean) + dark * np.float32(exposure.dark_cd_m2**2) + by_tolerance
+        )
         chi_squared = np.sum(np.square(luminance - mean) / variance, axis=0, where=usable)
         chance = _CHANCE / (self.shape[0] * self.shape[1])
         limits = [np.inf, np.inf, *(chdtri(k - 1, chance) for k in range(2, len(luminance) + 1))]
@@ -224,8 +228,8 @@ class _Merge:
         return contradicts
 
 
-def _usable(one: LuminanceMap) -> NDArray[np.bool_]:
-    usable: NDArray[np.bool_] = np.equal(one.invalid & (Invalid.SATURATED | Invalid.DEFECT), 0)
+def _usable(luminance: LuminanceMap) -> NDArray[np.bool_]:
+    usable: NDArray[np.bool_] = np.equal(luminance.invalid & (Invalid.SATURATED | Invalid.DEFECT), 0)
     return usable
 
 
@@ -235,12 +239,12 @@ def _mean(luminance: _Array, weights: _Array) -> _Array:
     return mean
 
 
-def _noise(one: LuminanceMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _noise(exposed: LuminanceMap) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Knots of the variance of an exposure's pixels over the luminance, as a sample of them has it."""
-    good = np.flatnonzero(_usable(one))
+    good = np.flatnonzero(_usable(exposed))
     sample = good[:: max(good.size // _SAMPLES, 1)]
-    luminance = one.luminance_cd_m2.ravel()[sample].astype(float)
-    relative = np.sqrt(np.maximum(one.random_rel.ravel()[sample].astype(float) ** 2 - one.fixed_rel**2, 0))
+    luminance = exposed.luminance_cd_m2.ravel()[sample].astype(float)
+    relative = np.sqrt(np.maximum(exposed.random_rel.ravel()[sample].astype(float) ** 2 - exposed.fixed_rel**2, 0))
     finite = np.isfinite(relative)  # a pixel without signal may have no relative uncertainty
     luminance, variance = luminance[finite], (relative[finite] * luminance[finite]) ** 2
     if luminance.size == 0:

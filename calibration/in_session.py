@@ -49,9 +49,14 @@ def in_session(
     done = []
     for plane in calibration.planes:
         name = plane.state.plane
-        converter, found = _plane_in_session(plane, observations.get(name, ()), darks.get(name, ()))
-        done.append((converter, found if name is None else [one.within(f"plane {name}") for one in found]))
-    findings = [finding for _, found in done for finding in found]
+        converter, plane_findings = _plane_in_session(plane, observations.get(name, ()), darks.get(name, ()))
+        done.append(
+            (
+                converter,
+                plane_findings if name is None else [finding.within(f"plane {name}") for finding in plane_findings],
+            )
+        )
+    findings = [finding for _, plane_findings in done for finding in plane_findings]
     if isinstance(calibration, Calibration):
         return done[0][0], findings
     return replace(calibration, planes=tuple(converter for converter, _ in done)), findings
@@ -76,9 +81,9 @@ def _plane_in_session(
     settings, errors, findings = [], list(plane.fit_errors), list[Finding]()
     for setting in plane.settings:
         own_darks = [dark for dark in darks if dark.state.has_gain(setting.gain_db)]
-        own = [o for o in observations if o.state.has_gain(setting.gain_db)]
+        seen = [o for o in observations if o.state.has_gain(setting.gain_db)]
         dark, of_dark = _dark_in_session(setting.dark, own_darks) if own_darks else (setting.dark, [])
-        noise, of_light = _noise_in_session(setting.noise, own, dark)
+        noise, of_light = _noise_in_session(setting.noise, seen, dark)
         settings.append(replace(setting, dark=dark, noise=noise))
         findings += [*of_dark, *of_light]
         if own_darks:
@@ -89,7 +94,7 @@ def _plane_in_session(
     dark, noise = own_gain.dark, own_gain.noise
     here = replace(plane, fit_errors=tuple(errors), dark=dark, noise=noise, gains=tuple(others))
     done, of_times = with_agreement(here, observations)
-    if of_times and any(one.code == SETTLING[1] for one in findings):
+    if of_times and any(finding.code == SETTLING[1] for finding in findings):
         of_times = [*of_times, undecided_cause(SETTLING, DISAGREEING)]
     return done, [*findings, *of_times]
 
@@ -103,19 +108,19 @@ def _dark_in_session(known: DarkModel, darks: Sequence[DarkObservation]) -> tupl
     here = Scatter(*black_level_drift(darks))
     floor_dn = sqrt(float(np.mean([dark.mean_noise_dn2 for dark in darks])))
     drift = _joined(Scatter(known.drift_dn, known.drift_dof), here, floor_dn)
-    found, findings = fit_dark(darks, drift.size)
-    if len(found.exposures_s) == 1:
-        found, findings = _shifted(known, darks, drift), []
-    doubling = found if found.doubling_temperature_c is not None else known
-    covariance = np.array(found.covariance)
+    fitted, findings = fit_dark(darks, drift.size)
+    if len(fitted.exposures_s) == 1:
+        fitted, findings = _shifted(known, darks, drift), []
+    doubling = fitted if fitted.doubling_temperature_c is not None else known
+    covariance = np.array(fitted.covariance)
     covariance[2, 2] = np.array(doubling.covariance)[2, 2]
     dark = replace(
         known,
-        offset_dn=found.offset_dn,
-        rate_dn_s=found.rate_dn_s,
+        offset_dn=fitted.offset_dn,
+        rate_dn_s=fitted.rate_dn_s,
         covariance=as_rows(covariance),
-        temperatures_c=found.temperatures_c,
-        temperature_c=found.temperature_c,
+        temperatures_c=fitted.temperatures_c,
+        temperature_c=fitted.temperature_c,
         doubling_temperature_c=doubling.doubling_temperature_c,
         drift_dn=drift.size,
         drift_dof=int(drift.dof),

@@ -165,7 +165,7 @@ def combine_patches(
     for patch, given in readings.items():
         used[patch], of_patch = _used(patch, given)
         findings += of_patch
-    alike = _alike({patch: [*own.values()] for patch, own in used.items() if len(own) > 1})
+    alike = _alike({patch: [*group.values()] for patch, group in used.items() if len(group) > 1})
     dof = sum(len(used[patch]) - 1 for patch in alike)
     chi_squared = sum(_chi_squared([*used[patch].values()]) for patch in alike)
     # One patch alone says nothing of the others.
@@ -173,12 +173,12 @@ def combine_patches(
     if widened:
         findings.append(warning("readings-scatter-all", ratio=sqrt(chi_squared / dof), dof=dof))
     result = {}
-    for patch, own in used.items():
-        if widened and (patch in alike or len(own) == 1):
-            result[patch] = _combined(patch, readings[patch], own, (chi_squared / dof, dof))
+    for patch, group in used.items():
+        if widened and (patch in alike or len(group) == 1):
+            result[patch] = _combined(patch, readings[patch], group, (chi_squared / dof, dof))
         else:
-            result[patch] = _combined(patch, readings[patch], own)
-            findings += _scatter_findings(patch, own)
+            result[patch] = _combined(patch, readings[patch], group)
+            findings += _scatter_findings(patch, group)
     return result, findings
 
 
@@ -279,7 +279,7 @@ def _alike(readings: Mapping[str, Sequence[Reading]]) -> list[str]:
     odd: set[int] = set()
     n_left = sum(values.size for values in left)
     for _ in range(n_left // 4):
-        worst, drop = max(((k, _drops(values).max()) for k, values in enumerate(left)), key=lambda one: one[1])
+        worst, drop = max(((k, _drops(values).max()) for k, values in enumerate(left)), key=lambda pair: pair[1])
         left[worst] = np.delete(left[worst], int(np.argmax(_drops(left[worst]))))
         without.add(worst)
         dof = sum(values.size - 1 for values in left)
@@ -300,10 +300,10 @@ def _drops(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def parts_of_readings(readings: Sequence[PatchReading], weights: Sequence[float]) -> list[tuple[float, float]]:
     """Relative variances of a weighted sum of readings, with their degrees of freedom, without the meter's scale."""
-    parts = [(w**2 * one.variance_rel, one.dof) for w, one in zip(weights, readings, strict=True)]
-    of_all = [part for part, one in zip(parts, readings, strict=True) if one.of_all]
-    own = [part for part, one in zip(parts, readings, strict=True) if not one.of_all]
-    return [*own, variance_from_one_estimate(of_all)]
+    parts = [(w**2 * reading.variance_rel, reading.dof) for w, reading in zip(weights, readings, strict=True)]
+    of_all = [part for part, reading in zip(parts, readings, strict=True) if reading.of_all]
+    apart = [part for part, reading in zip(parts, readings, strict=True) if not reading.of_all]
+    return [*apart, variance_from_one_estimate(of_all)]
 
 
 def expanded_of_readings(readings: Sequence[PatchReading]) -> float:

@@ -132,10 +132,12 @@ class ColourConverter:
         """
         names = self.grey_patches
         rows = [[row for row in plane.residuals if row.patch in names] for plane in self.planes]
-        noise = [[_noise_rel2(plane, row) for row in own] for plane, own in zip(self.planes, rows, strict=True)]
+        noise = [
+            [_noise_rel2(plane, row) for row in plane_rows] for plane, plane_rows in zip(self.planes, rows, strict=True)
+        ]
         weight = 1 / np.mean(noise, axis=0)
         weight /= weight.sum()
-        relative = np.array([[row.luminance_cd_m2 / row.reading_cd_m2 for row in own] for own in rows])
+        relative = np.array([[row.luminance_cd_m2 / row.reading_cd_m2 for row in plane_rows] for plane_rows in rows])
         grey: NDArray[np.float64] = relative @ weight
         scatter = relative - grey[:, None]
         scatter -= scatter.mean(axis=0)
@@ -156,7 +158,7 @@ class ColourConverter:
         """
         level = np.maximum(np.abs(by_plane @ np.array(self.weights, by_plane.dtype)), 1e-30)
         of_weights = [CommonError("fit", by_plane @ row / level) for row in self.weight_errors]
-        kept = [errors_of_plane(plane, one) for plane, one in zip(self.planes, of_planes, strict=True)]
+        kept = [errors_of_plane(plane, errors) for plane, errors in zip(self.planes, of_planes, strict=True)]
         of_colour = mismatch_errors(by_plane @ colours_of_planes(self.planes), self.spectral_rel)
         return (*of_weights, *joined(kept, shares), *of_colour)
 
@@ -186,7 +188,7 @@ def colour_patch_luminance(converter: ColourConverter, observations: ByPlane[Pat
         As `patch_luminance`, naming the plane; if a plane is missing, or the combined luminance is not positive.
     """
     seen = [_of_plane(plane, observations) for plane in converter.planes]
-    patch, by_plane = seen[0].patch, np.array([one.luminance_cd_m2 for one in seen])
+    patch, by_plane = seen[0].patch, np.array([patch_of_plane.luminance_cd_m2 for patch_of_plane in seen])
     luminance = float(np.array(converter.weights) @ by_plane)
     if luminance <= 0:
         raise CalibrationError(
@@ -195,15 +197,15 @@ def colour_patch_luminance(converter: ColourConverter, observations: ByPlane[Pat
         )
     shares = np.array(converter.weights) * by_plane / luminance
     pairs = list(zip(converter.planes, seen, strict=True))
-    own = [own_rel(plane, one) for plane, one in pairs]
-    random_rel = hypot(float(np.linalg.norm(shares * own)), converter.scatter_rel, converter.field_rel)
+    independent = [own_rel(plane, patch_of_plane) for plane, patch_of_plane in pairs]
+    random_rel = hypot(float(np.linalg.norm(shares * independent)), converter.scatter_rel, converter.field_rel)
     grey, grey_rel = converter.grey
-    colour = _colour(by_plane / grey, np.abs(by_plane) * np.hypot(own, grey_rel)) * grey
+    colour = _colour(by_plane / grey, np.abs(by_plane) * np.hypot(independent, grey_rel)) * grey
     # The range of a single plane does not matter.
     findings = [
         finding if finding.code == "temperature-not-stated" else finding.within(f"plane {plane.state.plane}")
-        for plane, one in pairs
-        for finding in one.findings
+        for plane, patch_of_plane in pairs
+        for finding in patch_of_plane.findings
         if finding.code not in ("luminance-outside-range", "signal-outside-range")
     ]
     return PatchLuminance(
@@ -212,8 +214,8 @@ def colour_patch_luminance(converter: ColourConverter, observations: ByPlane[Pat
         random_rel=random_rel,
         scatter_rel=converter.scatter_rel,
         scatter_dof=converter.scatter_dof or inf,
-        common=converter.common_errors(colour, [one.common for one in seen], shares.tolist()),
-        exposures_s=tuple(sorted({t for one in seen for t in one.exposures_s})),
+        common=converter.common_errors(colour, [patch_of_plane.common for patch_of_plane in seen], shares.tolist()),
+        exposures_s=tuple(sorted({t for patch_of_plane in seen for t in patch_of_plane.exposures_s})),
         findings=(*unique(findings), *outside_range(patch, luminance, random_rel, converter.range_cd_m2)),
     )
 
@@ -262,19 +264,19 @@ def errors_of_plane(plane: Calibration, common: Sequence[CommonError]) -> list[C
 def joined(planes: Sequence[Sequence[CommonError]], shares: Sequence[Any]) -> list[CommonError]:
     """Errors of the planes times their shares of the luminance; common ones are summed."""
     sums: dict[str, CommonError] = {}
-    own: list[CommonError] = []
+    independent: list[CommonError] = []
     for errors, share in zip(planes, shares, strict=True):
         for error in errors:
             part = replace(error, relative=share * error.relative)
             if not error.source.startswith(_OF_ALL_PLANES):
-                own.append(part)
+                independent.append(part)
             elif error.source in sums:
                 sums[error.source] = replace(part, relative=sums[error.source].relative + part.relative)
             else:
                 sums[error.source] = part
     # The meter's errors are the same for all planes, and so for their sum.
     sums |= {error.source: error for error in planes[0] if error.source in METER_SOURCES}
-    return [*sums.values(), *own]
+    return [*sums.values(), *independent]
 
 
 def colours_of_planes(planes: Sequence[Calibration]) -> NDArray[np.float64]:

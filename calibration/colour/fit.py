@@ -95,9 +95,9 @@ def fit_colour(
     data, scatter = scattered(colour_data(planes, patches), prior.weights, np.array([p.name in grey for p in patches]))
     chosen = _choose(data, prior)
     calibration = _assembled(planes, patches, chosen, scatter, scaled, left_out)
-    own = calibration.at_their_temperature()
+    in_use = calibration.at_their_temperature()
     held, of_held_out = held_out_rows(
-        lambda name: colour_patch_luminance(own, groups[name]),
+        lambda name: colour_patch_luminance(in_use, groups[name]),
         {name: centre_px(group) for name, group in groups.items() if name in held_out},
         readings,
     )
@@ -118,10 +118,10 @@ def _fit_planes(
 ) -> list[Calibration]:
     planes = []
     for plane in PLANES:
-        own = [o for o in observations[plane] if o.patch in readings]
+        seen = [o for o in observations[plane] if o.patch in readings]
         library = dark_libraries.get(plane)
         try:
-            planes.append(fit(own, darks[plane], readings, setup, defects=defects.get(plane), dark_library=library))
+            planes.append(fit(seen, darks[plane], readings, setup, defects=defects.get(plane), dark_library=library))
         except CalibrationError as error:
             raise CalibrationError(f"plane {plane}: {error}") from error
     return planes
@@ -146,7 +146,7 @@ def _plane_findings(planes: Sequence[Calibration]) -> list[Finding]:
     signs = {np.sign(test.value) if test.significant else 0 for test in glare}
     of_colour = len(signs) > 1
     # A patch that deviates in some planes only has another colour, and not a wrong reading.
-    deviating = Counter(f.subject for one in planes for f in one.findings if f.code.startswith(_CONTRADICTS))
+    deviating = Counter(f.subject for plane in planes for f in plane.findings if f.code.startswith(_CONTRADICTS))
     coloured = [name for name, n in deviating.items() if n < len(planes)]
     # What all planes have, such as the meter, is said once.
     shared = set.intersection(*(set(plane.findings) for plane in planes))
@@ -171,9 +171,9 @@ def _choose(data: ColourData, prior: Prior) -> _Chosen:
     # Of a single colour only its scale is fitted.
     none = Prior(np.ones(1), 1.0)
     tried = {COMBINATION: (data, prior)} | {colour: (data.only(i), none) for i, colour in enumerate(COLOURS)}
-    found = {name: combine(*one) for name, one in tried.items()}
-    left_out = {name: leave_one_out(*one, found[name].spectral) for name, one in tried.items()}
-    errors = {name: _rms(one) for name, one in left_out.items()}
+    combinations = {name: combine(*data_of_name) for name, data_of_name in tried.items()}
+    left_out = {name: leave_one_out(*data_of_name, combinations[name].spectral) for name, data_of_name in tried.items()}
+    errors = {name: _rms(deviations) for name, deviations in left_out.items()}
     name = best = min(COLOURS, key=lambda colour: errors[colour])
     why = info("colour-alone-better", colour=best, deviation_rel=errors[best])
     if errors[best] >= _CLEARLY_BETTER * errors[COMBINATION]:
@@ -182,14 +182,14 @@ def _choose(data: ColourData, prior: Prior) -> _Chosen:
         CombinationStep(step, error, step == name, why if step == name else info("not-chosen", chosen=name))
         for step, error in errors.items()
     )
-    return found[name] if name == COMBINATION else _alone(found[name], name), left_out[name], steps
+    return combinations[name] if name == COMBINATION else _alone(combinations[name], name), left_out[name], steps
 
 
-def _alone(found: Combination, colour: str) -> Combination:
+def _alone(combination: Combination, colour: str) -> Combination:
     """Weights of a single colour, with those of the others, 0."""
-    place = np.array([one == colour for one in COLOURS], dtype=float)
-    covariance = found.covariance[0, 0] * np.outer(place, place)
-    return replace(found, weights=found.weights[0] * place, covariance=covariance)
+    weights = np.array([name == colour for name in COLOURS], dtype=float)
+    covariance = combination.covariance[0, 0] * np.outer(weights, weights)
+    return replace(combination, weights=combination.weights[0] * weights, covariance=covariance)
 
 
 def _rms(deviations: Array) -> float:
@@ -204,18 +204,20 @@ def _assembled(
     sensitivities: Mapping[str, SpectralTable] | None,
     left_out: Sequence[LeftOut],
 ) -> ColourCalibration:
-    found, without, ladder = chosen
-    of_patches = zip(patches, found.deviation.tolist(), found.uncertainty.tolist(), without.tolist(), strict=True)
+    combination, without, ladder = chosen
+    of_patches = zip(
+        patches, combination.deviation.tolist(), combination.uncertainty.tolist(), without.tolist(), strict=True
+    )
     rows = tuple(patch.residual(*of_patch) for patch, *of_patch in of_patches)
     to_colour, sensitivity = colours_of_planes(planes), None
     if sensitivities is not None:
-        sensitivity = weighted_sum(sensitivities, dict(zip(COLOURS, found.weights.tolist(), strict=True)))
+        sensitivity = weighted_sum(sensitivities, dict(zip(COLOURS, combination.weights.tolist(), strict=True)))
     return ColourCalibration(
         planes=tuple(planes),
-        weights=tuple((to_colour @ found.weights).tolist()),
+        weights=tuple((to_colour @ combination.weights).tolist()),
         # Scatter of the patches, grey and by colour, is in their variances already.
-        weight_covariance=as_rows(to_colour @ found.covariance @ to_colour.T),
-        spectral_rel=found.spectral_rel,
+        weight_covariance=as_rows(to_colour @ combination.covariance @ to_colour.T),
+        spectral_rel=combination.spectral_rel,
         scatter_rel=scatter[0],
         scatter_dof=finite(scatter[1]),
         range_cd_m2=luminance_range(rows),

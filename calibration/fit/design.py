@@ -104,23 +104,23 @@ class Design:
     @property
     def patches(self) -> tuple[str, ...]:
         """Names of the patches, P of them."""
-        return tuple(one.patch for one in self.patch_readings)
+        return tuple(reading.patch for reading in self.patch_readings)
 
     @cached_property
     def reading_cd_m2(self) -> Array:
         """Meter readings, shape (P,)."""
-        return np.array([one.luminance_cd_m2 for one in self.patch_readings])
+        return np.array([reading.luminance_cd_m2 for reading in self.patch_readings])
 
     @cached_property
     def reading_variance(self) -> Array:
         """Variance of their random part in (cd/m^2)^2, shape (P,)."""
-        return np.array([one.random_cd_m2**2 for one in self.patch_readings])
+        return np.array([reading.random_cd_m2**2 for reading in self.patch_readings])
 
     @cached_property
     def read_h(self) -> Array:
         """When each patch was read, in hours after the first of them, shape (P,)."""
         start = self.patch_readings[0].read_at
-        return np.array([(one.read_at - start).total_seconds() / 3600 for one in self.patch_readings])
+        return np.array([(reading.read_at - start).total_seconds() / 3600 for reading in self.patch_readings])
 
     @property
     def net_dn(self) -> Array:
@@ -155,7 +155,7 @@ class Design:
     def covariance(self, luminance: Array, slope: Array) -> Array:
         """Covariance of luminances less readings, shape (n, n), at luminances and slopes dL/dn of shape (n,)."""
         level = self.level(luminance)
-        own = (
+        single = (
             slope**2 * (self.signals.noise_variance_dn2 + self.scatter_each_dn.size**2)
             + (self.scatter_each_rel.size * luminance) ** 2
         )
@@ -163,7 +163,7 @@ class Design:
         uneven = self.signals.dark_nonuniformity_dn * slope
         of_patch = self.reading_variance[self.patch][:, None] + np.outer(by_patch, by_patch) + np.outer(uneven, uneven)
         patterns = self.patterns(level, slope)
-        covariance: Array = np.diag(own) + np.where(self.same_patch, of_patch, 0.0) + patterns.T @ patterns
+        covariance: Array = np.diag(single) + np.where(self.same_patch, of_patch, 0.0) + patterns.T @ patterns
         return covariance
 
     def patterns(self, level: Array, slope: Array) -> Array:
@@ -180,7 +180,7 @@ class Design:
 
     def without_shared(self, source: str) -> Design:
         """Return the same without the common errors of a source."""
-        return replace(self, shared=tuple(one for one in self.shared if one.source != source))
+        return replace(self, shared=tuple(error for error in self.shared if error.source != source))
 
 
 def build_design(
@@ -208,7 +208,7 @@ def build_design(
     ]
     vignetting = observations[0].vignetting
     places = observations[0].state.image_shape, [group[0].centre_px for group in groups.values()]
-    place = smooth_patterns(*places)
+    patterns = smooth_patterns(*places)
     read_at = [readings[o.patch].read_at for o in observations]
     delay_h = _delay_h(observations, read_at)
     shared = [
@@ -217,7 +217,7 @@ def build_design(
             SharedError(EXPOSURE_TIME, np.where(times == t, exposure_time_rel(t, exposure_jitter_s), 0.0))
             for t in exposures_s
         ),
-        *_place_errors(vignetting, place, vignetting_errors(vignetting, *places), patch),
+        *_place_errors(vignetting, patterns, vignetting_errors(vignetting, *places), patch),
         *_frame_errors(observations, signals, settings[0]),
         *_shape_errors(np.where(in_field, 0.0, shape_rel)),
         *_drift(observations, read_at, delay_h),
@@ -230,7 +230,7 @@ def build_design(
         signals=signals,
         shared=tuple(shared),
         own_rel=np.bincount(patch, weight * signals.pixels_rel) / total,
-        place=place,
+        place=patterns,
         rim_rel=np.bincount(patch, weight * signals.rim_rel) / total,
         delay_h=delay_h,
     )
@@ -250,11 +250,11 @@ def _dark_errors(
 
 
 def _place_errors(
-    vignetting: AnyVignetting | None, place: Array, of_patterns: Array, patch: NDArray[np.intp]
+    vignetting: AnyVignetting | None, patterns: Array, of_patterns: Array, patch: NDArray[np.intp]
 ) -> list[SharedError]:
     """Errors of the vignetting: what a flat field leaves may be a slope over the image."""
     source = vignetting_source(vignetting)
-    of_field = slow_rel(vignetting) / sqrt(place.shape[1]) * place.T
+    of_field = slow_rel(vignetting) / sqrt(patterns.shape[1]) * patterns.T
     errors = [SharedError(FLAT_FIELD, row[patch]) for row in of_field if row.any()]
     return errors + [SharedError(source, row[patch], pattern=k) for k, row in enumerate(of_patterns)]
 
@@ -265,10 +265,10 @@ def _frame_errors(
     """Flicker of the light and drift of the black level, common to all patches of the same frames."""
     frames = [o.frames for o in observations]
     errors = []
-    for one in dict.fromkeys(frames):
-        own = np.array([other == one for other in frames])
-        flicker, black = np.where(own, signals.flicker_rel, 0.0), np.where(own, signals.black_level_dn, 0.0)
-        errors.append(SharedError(FLICKER, flicker, dof=setting.noise.flicker_at(one[0])[1] or inf))
+    for frame in dict.fromkeys(frames):
+        same = np.array([other == frame for other in frames])
+        flicker, black = np.where(same, signals.flicker_rel, 0.0), np.where(same, signals.black_level_dn, 0.0)
+        errors.append(SharedError(FLICKER, flicker, dof=setting.noise.flicker_at(frame[0])[1] or inf))
         errors.append(SharedError(BLACK_LEVEL, dn=black, dof=setting.dark.drift_dof or inf))
     return [e for e in errors if np.any(e.relative) or np.any(e.dn)]
 
@@ -285,11 +285,11 @@ def _shape_errors(shape_rel: Array) -> list[SharedError]:
 
 def _delay_h(observations: Sequence[PatchObservation], read_at: Sequence[datetime]) -> Array:
     """Hours from the frames to the readings, shape (n,); from the mean reading where frames have no time."""
-    hours: Array = np.array([(one - read_at[0]).total_seconds() / 3600 for one in read_at])
+    hours: Array = np.array([(time - read_at[0]).total_seconds() / 3600 for time in read_at])
     recorded = [o.recorded for o in observations if o.recorded is not None]
     if len(recorded) < len(observations):
         recorded = [read_at[0] + timedelta(hours=float(hours.mean()))] * len(read_at)
-    frames_h: Array = np.array([(one - read_at[0]).total_seconds() / 3600 for one in recorded])
+    frames_h: Array = np.array([(time - read_at[0]).total_seconds() / 3600 for time in recorded])
     return np.subtract(hours, frames_h)
 
 

@@ -42,24 +42,30 @@ class _Row(NamedTuple):
     point: HistoryPoint
 
 
-def by_camera(found: Sequence[CameraHistory]) -> list[Camera]:
+def by_camera(histories: Sequence[CameraHistory]) -> list[Camera]:
     """Put the planes of each camera, lens and setting together."""
     groups: dict[tuple[object, ...], list[CameraHistory]] = {}
-    for one in found:
-        key = one.state.camera, one.lens, one.state.gain_db, one.state.pixel_format, one.plane is None
-        groups.setdefault(key, []).append(one)
+    for history in histories:
+        key = (
+            history.state.camera,
+            history.lens,
+            history.state.gain_db,
+            history.state.pixel_format,
+            history.plane is None,
+        )
+        groups.setdefault(key, []).append(history)
     return [tuple(group) for group in groups.values()]
 
 
 def history_title(planes: Camera) -> str:
     """Return camera, lens and setting on one line."""
-    one = planes[0]
-    lens = f"{one.lens.model}{f' ({one.lens.serial})' if one.lens.serial else ''} at f/{one.lens.f_number:g}"
-    single = f", plane {one.plane}" if one.plane and len(planes) == 1 else ""
-    return printable(f"{one.state.camera}, {lens}, {one.state.gain_db:g} dB, {one.state.pixel_format}{single}")
+    first = planes[0]
+    lens = f"{first.lens.model}{f' ({first.lens.serial})' if first.lens.serial else ''} at f/{first.lens.f_number:g}"
+    single = f", plane {first.plane}" if first.plane and len(planes) == 1 else ""
+    return printable(f"{first.state.camera}, {lens}, {first.state.gain_db:g} dB, {first.state.pixel_format}{single}")
 
 
-def history_result(found: Sequence[CameraHistory], inputs: Sequence[InputFile] = ()) -> Result:
+def history_result(histories: Sequence[CameraHistory], inputs: Sequence[InputFile] = ()) -> Result:
     """Return all numbers of the histories of cameras.
 
     Parameters
@@ -69,14 +75,14 @@ def history_result(found: Sequence[CameraHistory], inputs: Sequence[InputFile] =
     inputs : sequence of InputFile
         Files of the calibrations and verifications.
     """
-    cameras = by_camera(found)
+    cameras = by_camera(histories)
     title = "History of one camera" if len(cameras) == 1 else f"History of {len(cameras)} cameras or settings"
     last, rows = [], []
     for number, planes in enumerate(cameras, start=1):
-        own = [_Row(number, history_title(planes), one, point) for one in planes for point in one.points]
-        last += [_Row(number, history_title(planes), one, one.points[-1]) for one in planes]
+        points = [_Row(number, history_title(planes), history, point) for history in planes for point in history.points]
+        last += [_Row(number, history_title(planes), history, history.points[-1]) for history in planes]
         # By time, and those of one measurement together.
-        rows += sorted(own, key=lambda row: (row.point.measured, row.point.source))
+        rows += sorted(points, key=lambda row: (row.point.measured, row.point.source))
     first = (
         Column("number", "number", "", "Number of camera, lens and setting in this result.", shown=len(cameras) > 1),
         Column("plane", "plane", "", "Colour plane.", shown=any(len(planes) > 1 for planes in cameras),
@@ -84,7 +90,7 @@ def history_result(found: Sequence[CameraHistory], inputs: Sequence[InputFile] =
     )  # fmt: skip
     tables = (_changes(first, last), _history(first, rows))
     simulated = any(planes[0].state.camera.simulated for planes in cameras)
-    return Result("history", title, tables, _findings(found), inputs=tuple(inputs), simulated=simulated)
+    return Result("history", title, tables, _findings(histories), inputs=tuple(inputs), simulated=simulated)
 
 
 def _changes(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
@@ -138,9 +144,9 @@ def _history(first: tuple[Column, Column], rows: Sequence[_Row]) -> Table:
     return Table.of_items("history", "Calibrations and verifications", columns, rows, note)
 
 
-def _findings(found: Sequence[CameraHistory]) -> tuple[Finding, ...]:
+def _findings(histories: Sequence[CameraHistory]) -> tuple[Finding, ...]:
     """Name meters that were calibrated again, whose change a change may be, and calibrations of one measurement."""
-    points = [pair for history in found for pair in pairwise(history.points)]
+    points = [pair for history in histories for pair in pairwise(history.points)]
     pairs = [(a.meter, b.meter) for a, b in points if not b.meter.is_as_in(a.meter)]
     recalibrated = [
         warning("meter-recalibrated", f"{b.meter.model} {b.meter.serial}", now=b.state, then=a.state)
@@ -148,9 +154,9 @@ def _findings(found: Sequence[CameraHistory]) -> tuple[Finding, ...]:
         if (a.meter.model, a.meter.serial) == (b.meter.model, b.meter.serial)
     ]
     same = []
-    for history in found:
+    for history in histories:
         for n, point in enumerate(history.points):
-            before = next((one for one in history.points[:n] if point.is_measured_with(one)), None)
+            before = next((other for other in history.points[:n] if point.is_measured_with(other)), None)
             if before is not None:
                 same.append(warning("measured-once", point.source, other=before.source))
     return unique([*recalibrated, *same])
@@ -163,19 +169,19 @@ def history_figure(planes: Camera, number: int = 1) -> ReportFigure:
     first, several = planes[0], len(planes) > 1
     panels = {
         "change of the\nresponsivity in %" if several else "responsivity in\nDN s⁻¹ / (cd m⁻²)": [
-            _responsivities(one, several) for one in planes
+            _responsivities(history, several) for history in planes
         ],
-        "weight in the\nluminance": [[_exact(p.weight) for p in one.points] for one in planes],
-        "dark offset in DN": [[_with_u(p.dark_offset_dn) for p in one.points] for one in planes],
-        "dark rate in DN/s": [[_with_u(p.dark_rate_dn_s) for p in one.points] for one in planes],
-        "K in DN/e⁻": [[_exact(p.k_dn_per_e) for p in one.points] for one in planes],
+        "weight in the\nluminance": [[_exact(p.weight) for p in history.points] for history in planes],
+        "dark offset in DN": [[_with_u(p.dark_offset_dn) for p in history.points] for history in planes],
+        "dark rate in DN/s": [[_with_u(p.dark_rate_dn_s) for p in history.points] for history in planes],
+        "K in DN/e⁻": [[_exact(p.k_dn_per_e) for p in history.points] for history in planes],
     }
     shown = {label: values for label, values in panels.items() if any(v for of_plane in values for v in of_plane)}
     figure = new_figure(6.4, 0.9 + 1.25 * len(shown), "camera" if first.state.camera.simulated else "")
     axes = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
     for panel, (label, values) in zip(axes, shown.items(), strict=True):
-        for place, (one, of_plane) in enumerate(zip(planes, values, strict=True)):
-            _draw(panel, one, of_plane, place - (len(planes) - 1) / 2)
+        for position, (history, of_plane) in enumerate(zip(planes, values, strict=True)):
+            _draw(panel, history, of_plane, position - (len(planes) - 1) / 2)
         finish(panel, "", label, "", loc="upper left", bbox_to_anchor=(1.01, 1.0))
         panel.margins(x=0.06, y=0.15)
         panel.ticklabel_format(axis="y", useOffset=False)
@@ -195,9 +201,9 @@ def history_figure(planes: Camera, number: int = 1) -> ReportFigure:
     )
 
 
-def _responsivities(one: CameraHistory, relative: bool) -> list[_Value]:
+def _responsivities(history: CameraHistory, relative: bool) -> list[_Value]:
     """Responsivities, or what they are above the first one in percent, with which planes can be compared."""
-    known = [p.responsivity for p in one.points]
+    known = [p.responsivity for p in history.points]
     first = next((r[0] for r in known if r), 1.0)
     scale, less = (100 / first, 100.0) if relative else (1.0, 0.0)
     return [r and (scale * r[0] - less, scale * r[0] * r[1], scale * r[0] * r[2]) for r in known]
@@ -211,32 +217,35 @@ def _with_u(value: tuple[float, float] | None) -> _Value:
     return value and (value[0], value[1], value[1])
 
 
-def _draw(axes: Axes, one: CameraHistory, values: Sequence[_Value], place: float) -> None:
+def _draw(axes: Axes, history: CameraHistory, values: Sequence[_Value], position: float) -> None:
     # Days since 1970, as matplotlib counts them.
-    days = np.array([p.measured.timestamp() / 86400 for p in one.points])
-    days += place * _APART * (days[-1] - days[0])
-    known = [(p, day, *v) for p, day, v in zip(one.points, days, values, strict=True) if v is not None]
-    colour, mark = _STYLES[one.plane] if one.plane else (BLUE, "o")
-    line, edge = (colour, colour) if one.plane else ("0.75", "black")
+    days = np.array([p.measured.timestamp() / 86400 for p in history.points])
+    days += position * _APART * (days[-1] - days[0])
+    known = [(p, day, *v) for p, day, v in zip(history.points, days, values, strict=True) if v is not None]
+    colour, mark = _STYLES[history.plane] if history.plane else (BLUE, "o")
+    line, edge = (colour, colour) if history.plane else ("0.75", "black")
     axes.plot([day for _, day, *_ in known], [value for _, _, value, *_ in known], color=line, linewidth=1.0, zorder=1)
-    for number, (point, day, value, own, whole) in enumerate(known):
+    for number, (point, day, value, without_scale, whole) in enumerate(known):
         axes.errorbar(day, value, yerr=whole, fmt="none", ecolor=colour, elinewidth=1.0, capsize=3.0, zorder=2)
-        axes.errorbar(day, value, yerr=own, fmt="none", ecolor=colour, elinewidth=3.0, zorder=3)
-        face, name = "white" if point.verdict else edge, f"plane {one.plane}" if one.plane and number == 0 else None
+        axes.errorbar(day, value, yerr=without_scale, fmt="none", ecolor=colour, elinewidth=3.0, zorder=3)
+        face, name = (
+            "white" if point.verdict else edge,
+            f"plane {history.plane}" if history.plane and number == 0 else None,
+        )
         axes.plot([day], [value], mark, markersize=6, color=edge, markerfacecolor=face, zorder=4, label=name)
 
 
-def history_files(found: Sequence[CameraHistory], result: Result) -> dict[str, bytes]:
+def history_files(histories: Sequence[CameraHistory], result: Result) -> dict[str, bytes]:
     """Return the files of histories as `result_files` does; at least one."""
-    newest = max(point.measured for one in found for point in one.points)
-    return result_files(result, _page(by_camera(found), result), time=newest)
+    newest = max(point.measured for history in histories for point in history.points)
+    return result_files(result, _page(by_camera(histories), result), time=newest)
 
 
 def _page(cameras: Sequence[Camera], result: Result) -> Page:
-    changes, history, one = result.table("cameras"), result.table("history"), len(cameras) == 1
-    cards = [_card(row, cell_text(changes.column("change_rel"), row), one) for row in changes.rows()]
+    changes, history, single = result.table("cameras"), result.table("history"), len(cameras) == 1
+    cards = [_card(row, cell_text(changes.column("change_rel"), row), single) for row in changes.rows()]
     files = Section("Files", (history.only("measured", "by", "file").all_shown(),), collapsed=True)
-    if one:
+    if single:
         brief = history.only("measured", "by", "plane", "responsivity", "expanded_r", "expanded_fit_rel")
         times = dict.fromkeys((changes["first"][0], changes["last"][0]))
         summary = f"{history_title(cameras[0])}: {' to '.join(times)}."
@@ -252,8 +261,8 @@ def _page(cameras: Sequence[Camera], result: Result) -> Page:
     return Page.of(result, "History of calibrations", cards=cards, sections=[*sections, files])
 
 
-def _card(row: Mapping[str, Any], change: str, one: bool) -> Card:
-    title, lines = f"Change of R{row['plane'] and ' in plane '}{row['plane']}", () if one else (row["camera"],)
+def _card(row: Mapping[str, Any], change: str, single: bool) -> Card:
+    title, lines = f"Change of R{row['plane'] and ' in plane '}{row['plane']}", () if single else (row["camera"],)
     if row["changed"] is None:
         return Card(title, "-", "one measurement so far", lines)
     verdict, state = _STATES[row["changed"]]

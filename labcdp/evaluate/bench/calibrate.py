@@ -24,7 +24,7 @@ from .corrections import (
     lens_corrections,
     with_dark_frames,
 )
-from .observe import ObservedSession, measure_session, session_response
+from .observe import ObservedSession, observe_session, session_response
 from .recorded import Report, configured_lens, lens_findings, planes_of, require_distinct, require_patches
 
 #: Most rounds in which the flat field is linearised by the response, and the response fitted with the flat field.
@@ -223,7 +223,7 @@ def calibrate_recorded(
     Raises
     ------
     CalibrationError, SessionError, InputError
-        As `require_distinct`, `measure_vignetting`, `measure_session`, `session_response` and `calibrate_session`.
+        As `require_distinct`, `measure_vignetting`, `observe_session`, `session_response` and `calibrate_session`.
     """
     if len({planes_of(session) for session in sessions}) > 1:
         raise CalibrationError("some of the sessions have colour filters, others have none: calibrate them separately")
@@ -231,18 +231,34 @@ def calibrate_recorded(
     lens = lens_corrections(sessions[0])
     given = lens if uniform is None else uniform.corrections
     corrections, darks = with_dark_frames(given, sessions, report("dark frames"))
-    measured = [
-        measure_session(session, corrections, [] if number else without, report("reading"), certificate, darks[number])
+    observed = [
+        observe_session(
+            session,
+            [] if number else without,
+            report("reading"),
+            corrections,
+            certificate,
+            darks=darks[number],
+            keep_regions=True,
+        )
         for number, session in enumerate(sessions)
     ]
 
     def calibrated(corrections_now: PlaneCorrections) -> AnyCalibration:
-        observed = [session.observed(corrections_now) for session in measured]
-        curve = session_response(observed[0]) if bracket else None
-        return calibrate_session(*observed, held_out=held_out, response=curve)
+        seen = [session.with_vignetting(corrections_now) for session in observed]
+        return _calibrated(seen, held_out, bracket)
 
-    calibration = calibrated(corrections) if uniform is None else _in_turns(calibrated, corrections, lens, uniform)
-    return [session.observed(calibration_corrections(calibration)) for session in measured], calibration
+    if uniform is None:
+        calibration = _calibrated(observed, held_out, bracket)
+    else:
+        calibration = _in_turns(calibrated, corrections, lens, uniform)
+    final = calibration_corrections(calibration)
+    return [replace(session.with_vignetting(final), regions_by_plane={}) for session in observed], calibration
+
+
+def _calibrated(observed: Sequence[ObservedSession], held_out: Collection[str], bracket: bool) -> AnyCalibration:
+    curve = session_response(observed[0]) if bracket else None
+    return calibrate_session(*observed, held_out=held_out, response=curve)
 
 
 def _in_turns(

@@ -49,7 +49,7 @@ def kept_session(
     Parameters
     ----------
     session, corrections, without, report, certificate
-        As for `labcdp.evaluate.bench.observe.measure_session`; corrections with the vignetting.
+        As for `labcdp.evaluate.bench.observe.observe_session`; corrections with the vignetting.
     path : Path
         File of `keep_observations`; it need not exist.
 

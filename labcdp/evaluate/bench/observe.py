@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
 from math import radians, tan
@@ -77,6 +77,8 @@ class ObservedSession:
         Hashes of the pixels of the frames, but not of those of simulated cameras.
     first_frames : dict of int to Frame
         Frames that were kept for maps of the target, by their number: the first of each exposure.
+    regions_by_plane : dict of (str or None) to list of list of MeasuredFrames
+        By colour plane the measured regions of each exposure, if they were kept for another vignetting.
     """
 
     session: Session
@@ -88,6 +90,15 @@ class ObservedSession:
     input_sha256: str
     frames_sha256: frozenset[str]
     first_frames: dict[int, Frame] = field(default_factory=dict)
+    regions_by_plane: Mapping[str | None, Sequence[Sequence[MeasuredFrames]]] = field(default_factory=dict, repr=False)
+
+    def with_vignetting(self, corrections: PlaneCorrections) -> ObservedSession:
+        """Return the same with corrections that differ in the vignetting; the regions must have been kept."""
+        patches = {
+            plane: _observed_patches(self.regions_by_plane[plane], self.names, correction, self.configuration, plane)
+            for plane, correction in corrections.items()
+        }
+        return replace(self, patches_by_plane=patches, corrections=corrections)
 
     def frame(self, record: FrameRecord) -> Frame:
         """Return a frame; those of the whole target are kept, as several maps show them."""
@@ -157,59 +168,6 @@ class ObservedSession:
         return max((unsaturated - beyond) or unsaturated, default=None)
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredSession:
-    """Frames of a session as measured, with any vignetting.
-
-    Parameters
-    ----------
-    session : Session
-        To read frames from.
-    configuration : SessionConfiguration
-        Bench, target and plan.
-    lights : dict of (str or None) to list of list of MeasuredFrames
-        By colour plane, for each exposure the regions that it shows.
-    darks : dict of (str or None) to list of DarkObservation
-        By colour plane, one an exposure.
-    readings, frames_sha256, first_frames
-        As of `ObservedSession`.
-    names : tuple of str
-        Patches, in the target's order.
-    """
-
-    session: Session
-    configuration: SessionConfiguration
-    lights: Mapping[str | None, Sequence[Sequence[MeasuredFrames]]]
-    darks: Mapping[str | None, Sequence[DarkObservation]]
-    readings: Mapping[str, Sequence[Reading]]
-    frames_sha256: frozenset[str]
-    first_frames: dict[int, Frame]
-    names: tuple[str, ...]
-
-    def observed(self, corrections: PlaneCorrections) -> ObservedSession:
-        """Return what the frames say, with corrections that are those of the measurement but for the vignetting."""
-        patches = {plane: self._patches(plane, correction) for plane, correction in corrections.items()}
-        return ObservedSession(
-            self.session,
-            self.configuration,
-            patches,
-            self.darks,
-            corrections,
-            self.readings,
-            input_sha256(self.session),
-            self.frames_sha256,
-            self.first_frames,
-        )
-
-    def _patches(self, plane: str | None, corrections: Corrections) -> PatchGroups:
-        library, patches = corrections.dark_library, {name: list[PatchObservation]() for name in self.names}
-        field_px = field_diameter_px(self.configuration, plane)
-        for measured in self.lights[plane]:
-            for observation in patch_observations(measured, corrections.vignetting, library, field_px):
-                patches[observation.patch].append(observation)
-        return patches
-
-
 def frame_maps(observed: ObservedSession, calibration: AnyCalibration) -> Callable[[FrameRecord], LuminanceMap]:
     """Return a function that converts a frame of a session; maps of the whole target are kept."""
     kept: dict[int, LuminanceMap] = {}
@@ -231,53 +189,30 @@ def observe_session(
     report: Report = lambda _done, _total: None,
     corrections: PlaneCorrections | None = None,
     certificate: MeterCertificate | None = None,
-) -> ObservedSession:
-    """Measure the patches in all frames of a session, and return what they say.
-
-    Parameters
-    ----------
-    session, without, report, certificate
-        As for `measure_session`.
-    corrections : mapping of (str or None) to Corrections, or None
-        What is subtracted from the frames of each plane; None for natural vignetting by the configured lens, and for
-        what its dark frames show.
-
-    Raises
-    ------
-    SessionError, CalibrationError, InputError
-        As `measure_session`.
-    """
-    darks = None
-    if corrections is None:
-        _require_dark_frames(session)
-        corrections, (darks,) = with_dark_frames(lens_corrections(session), [session])
-    return measure_session(session, corrections, without, report, certificate, darks).observed(corrections)
-
-
-def measure_session(
-    session: Session,
-    corrections: PlaneCorrections,
-    without: Sequence[str] = (),
-    report: Report = lambda _done, _total: None,
-    certificate: MeterCertificate | None = None,
+    *,
     darks: DarkFrames | None = None,
-) -> MeasuredSession:
-    """Measure the patches in all frames of a session, each frame loaded once; one frame at a time is held.
+    keep_regions: bool = False,
+) -> ObservedSession:
+    """Measure the patches in all frames of a session, each frame loaded once, and return what they say.
 
     Parameters
     ----------
     session : Session
         To read.
-    corrections : mapping of (str or None) to Corrections
-        Whose defect pixels are left out.
     without : sequence of str
         Patches to leave out, and single readings as ``PATCH:NUMBER``, counted from 1.
     report : callable
         Called with the number of frames read, and of all frames.
+    corrections : mapping of (str or None) to Corrections, or None
+        What is subtracted from the frames of each plane; None for natural vignetting by the configured lens, and for
+        what its dark frames show.
     certificate : MeterCertificate or None
         Of the meter, in the place of that in the configuration; its correction is applied to the readings.
     darks : (mapping of (str or None) to sequence of MeasuredFrames, frozenset of str) or None
-        Dark frames and hashes of their pixels, if they have been measured with these defects, from `with_dark_frames`.
+        Dark frames and hashes of their pixels, if they have been measured with the defects of the corrections, from
+        `with_dark_frames`.
+    keep_regions : bool
+        Whether to keep the measured regions, for `ObservedSession.with_vignetting`.
 
     Raises
     ------
@@ -289,8 +224,11 @@ def measure_session(
         If a region lies outside the image, or `without` names an unknown patch or reading.
     """
     configuration, patches, unread = included(session, without, certificate)
-    _require_dark_frames(session)
+    if not session.frames("dark"):
+        raise CalibrationError("the session has no dark frames: cover the lens and resume the acquisition")
     planes = planes_of(session)
+    if corrections is None:
+        corrections, (darks,) = with_dark_frames(lens_corrections(session), [session])
     if set(corrections) != set(planes):
         has, wants = ("no" if None in group else "a" for group in (planes, corrections))
         raise CalibrationError(
@@ -316,26 +254,50 @@ def measure_session(
         plane: [dark_observation(dark, corrections[plane].dark_library) for dark in dark_frames[plane]]
         for plane in planes
     }
-    return MeasuredSession(
-        session, configuration, lights, observed_darks, readings, frozenset(hashes), first_frames, names
+    seen_patches = {
+        plane: _observed_patches(lights[plane], names, correction, configuration, plane)
+        for plane, correction in corrections.items()
+    }
+    return ObservedSession(
+        session,
+        configuration,
+        seen_patches,
+        observed_darks,
+        corrections,
+        readings,
+        input_sha256(session),
+        frozenset(hashes),
+        first_frames,
+        lights if keep_regions else {},
     )
+
+
+def _observed_patches(
+    regions: Sequence[Sequence[MeasuredFrames]],
+    names: Sequence[str],
+    corrections: Corrections,
+    configuration: SessionConfiguration,
+    plane: str | None,
+) -> PatchGroups:
+    """Observe the patches of a plane in the measured regions of each exposure."""
+    library, patches = corrections.dark_library, {name: list[PatchObservation]() for name in names}
+    field_px = field_diameter_px(configuration, plane)
+    for measured in regions:
+        for observation in patch_observations(measured, corrections.vignetting, library, field_px):
+            patches[observation.patch].append(observation)
+    return patches
 
 
 def included(
     session: Session, without: Sequence[str], certificate: MeterCertificate | None
 ) -> tuple[SessionConfiguration, list[Patch], list[ReadingRecord]]:
-    """Return configuration, patches and left-out readings of a session; parameters as for `measure_session`."""
+    """Return configuration, patches and left-out readings of a session; parameters as for `observe_session`."""
     configuration = session.configuration
     if certificate is not None:
         meter = configuration.meter.model_copy(update={"certificate": certificate})
         configuration = configuration.model_copy(update={"meter": meter})
     names, unread = _left_out(without, session)
     return configuration, [patch for patch in configuration.target.patches if patch.name not in names], unread
-
-
-def _require_dark_frames(session: Session) -> None:
-    if not session.frames("dark"):
-        raise CalibrationError("the session has no dark frames: cover the lens and resume the acquisition")
 
 
 def _first_kept(frames: Iterable[Frame], first: FrameRecord, kept: dict[int, Frame]) -> Iterator[Frame]:

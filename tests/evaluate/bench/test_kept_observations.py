@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from collections import Counter
 from dataclasses import asdict, astuple, replace
 
 import numpy as np
@@ -14,8 +15,9 @@ from labcdp.core.errors import SessionError
 from labcdp.evaluate.bench.calibrate import calibrate_recorded
 from labcdp.evaluate.bench.corrections import calibration_corrections
 from labcdp.evaluate.bench.kept import OBSERVATIONS, keep_observations, kept_session
-from labcdp.evaluate.bench.observe import observe_session
-from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
+from labcdp.evaluate.bench.observe import frame_maps, observe_session
+from labcdp.evaluate.bench.recorded import by_exposure
+from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated, target_map
 from labcdp.session import Session
 
 
@@ -126,3 +128,15 @@ def test_a_file_that_is_not_theirs_is_ignored(recorded, folder, corrections, tmp
             }.get(damage, json.dumps(document))
         )
     assert kept_session(recorded, corrections, path) is None
+
+
+def test_each_frame_is_loaded_once(recorded, folder, monkeypatch):
+    """By a calibration with the picture of its certificate, and by an evaluation the frames that its maps show."""
+    loaded, load = Counter(), Session.load
+    monkeypatch.setattr(Session, "load", lambda session, frame: loaded.update([frame.number]) or load(session, frame))
+    (observed,), calibration = calibrate_recorded([recorded])
+    target_map(observed, frame_maps(observed, calibration))
+    assert loaded == Counter(frame.number for frame in recorded.frames())
+    loaded.clear()
+    evaluate_session(*observe_calibrated(recorded, calibration, beside=folder / "calibration.json"))
+    assert loaded == Counter(group[0].number for group in by_exposure(recorded, "light").values())

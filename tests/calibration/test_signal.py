@@ -7,7 +7,7 @@ import pytest
 from labcdp.calibration import GainSetting
 from labcdp.calibration.frames.nonuniformity import Nonuniformity, nonuniformity
 from labcdp.calibration.sensor.dark import DarkModel
-from labcdp.calibration.sensor.noise import TemporalNoise
+from labcdp.calibration.sensor.noise import TemporalNoise, light_flicker
 from labcdp.calibration.signal import net_signals, with_prnu
 from labcdp.core.dn import Response
 
@@ -59,3 +59,16 @@ def test_vignetting_is_not_nonuniformity_behind_a_tone_curve(camera):
     for curve, least, most in ((tone, 0.0, 0.002), (None, 0.02, 1.0)):
         setting = replace(SETTINGS[0], noise=TemporalNoise(0.0, 0.0, curve))
         assert least <= net_signals([even], [setting]).slow_rel < most
+
+
+def test_a_light_that_flickers_at_one_exposure_only_has_a_flicker_for_each(camera):
+    """At 10 ms all frames of all patches agree better than noise lets them, at 20 ms the light changes by 2 %."""
+    changes = {0.01: np.zeros(4), 0.02: np.array([0.02, -0.02, 0.02, -0.02])}
+    seen = []
+    for exposure_s, change in changes.items():
+        for o in (camera.observe(name, 10.0, exposure_s, None) for name in "abcdef"):
+            means_dn = o.mean_dn + o.net_dn(DARK.mean_dn(exposure_s)) * change
+            seen.append(replace(o, frame_means_dn=tuple(means_dn)))
+    (short, steady, _), (long, flickering, _) = light_flicker(seen, DARK).by_exposure
+    assert (short, long, steady) == (0.01, 0.02, 0.0)
+    assert flickering == pytest.approx(0.02 * sqrt(4 / 3), rel=0.01)

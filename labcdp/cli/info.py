@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ..calibration import load_any
 from ..calibration.emva.index import INDEX_NAME, load_index
-from ..calibration.record import SavedFile, load_verification
+from ..calibration.record import SavedFile, load_observations, load_verification
 from ..chain import Chain
 from ..core.clock import exposure_text
 from ..core.disk.documents import read_json, read_toml
@@ -156,6 +156,14 @@ def _document(path: Path) -> Description:
             return Description(
                 "verification of a calibration", ("history {file}",), {"verdict": verdict, **_saved(path)}
             )
+        case "labcdp-observations":
+            sessions = load_observations(path)
+            counts = {
+                "sessions": str(len(sessions)),
+                "observations of patches": str(sum(len(one.patches) for one in sessions)),
+                "dark exposures": str(sum(len(one.darks) for one in sessions)),
+            }
+            return Description("observations kept beside a calibration", (), counts)
         case "labcdp regions":
             return _regions(path)
     raise InputError(f"{path} is not a labcdp document: its key schema or format names no known kind")

@@ -36,6 +36,7 @@ def test_every_file_of_results_is_named(results, inputs, capsys):
     assert {name: info(capsys, results / name)["kind"] for name in kinds} == kinds
     assert info(capsys, inputs / "s/journal.jsonl")["kind"] == "journal of a session"
     assert info(capsys, inputs / "c/certificate.html")["kind"] == "page of results"
+    assert info(capsys, inputs / "c/observations.json")["kind"] == "observations kept beside a calibration"
     assert info(capsys, results / "readings.csv")["readings of white"] == "2"
     calibration = inputs / "c/calibration.json"
     shown = info(capsys, calibration)

@@ -196,8 +196,8 @@ def budget(
         plane.net_dn(of_plane * _relative_at(plane, position), t)
         for plane, position in zip(calibration.planes, positions, strict=True)
     ]
-    rows = not_included(leading) | _of_errors(calibration, shares, net_dn, t, positions)
-    for row in _of_frames(calibration, shares, net_dn, t, (n_pixels, n_frames)):
+    rows = not_included(leading) | _error_rows(calibration, shares, net_dn, t, positions)
+    for row in _frame_rows(calibration, shares, net_dn, t, (n_pixels, n_frames)):
         u = row.u_rel
         of_errors = rows[FLAT_FIELD].u_rel if row.source == FLAT_FIELD else 0.0
         rows[row.source] = replace(row, u_rel=hypot(u, of_errors))
@@ -256,7 +256,7 @@ def budget_exposure_s(calibration: AnyCalibration, luminance_cd_m2: float) -> fl
     return min(longest)
 
 
-def _of_errors(
+def _error_rows(
     calibration: AnyCalibration,
     shares: Array,
     net_dn: Sequence[float],
@@ -283,7 +283,7 @@ def _of_errors(
             for plane, one in zip(calibration.planes, of_planes, strict=True)
         ]
         errors = [*(CommonError("fit", one) for one in of_weights), *joined(own, shares.tolist())]
-        rows["spectral mismatch"] = _of_colour(calibration)
+        rows["spectral mismatch"] = _colour_row(calibration)
     for source in dict.fromkeys(error.source for error in errors):
         group = [error for error in errors if error.source == source]
         variance, dof = variance_from_one_estimate(
@@ -307,7 +307,7 @@ def _of_errors(
     return rows | _split(calibration.residuals, rows["fit"])
 
 
-def _of_frames(
+def _frame_rows(
     calibration: AnyCalibration, shares: Array, net: Sequence[float], exposure_s: float, averaged: tuple[int, int]
 ) -> Iterator[BudgetRow]:
     """Rows of what is not common to all luminances: noise, dark pattern, black level, light and flat field."""
@@ -339,7 +339,7 @@ def _of_frames(
         yield replace(row(FLAT_FIELD, [max(p.field_rel for p in planes)]), evaluation="B")
 
 
-def _of_colour(calibration: ColourCalibration) -> BudgetRow:
+def _colour_row(calibration: ColourCalibration) -> BudgetRow:
     case = "with scatter" if calibration.spectral_rel > 0 else ""
     light, scatter_rel = calibration.source_spectrum, calibration.spectral_rel
     of = basis("spectral mismatch of planes", case, light=light, scatter_rel=scatter_rel)

@@ -175,7 +175,7 @@ def load_observations(path: str | Path) -> list[SessionObservations]:
 
 
 @cache
-def _model_of(kind: Any) -> Any:
+def _document_model(kind: Any) -> Any:
     """Pydantic model with the only key ``value``, which forbids unknown keys in all dataclasses within it too."""
     from pydantic import ConfigDict, create_model
 
@@ -184,7 +184,7 @@ def _model_of(kind: Any) -> Any:
 
 def _dumped(value: object, arrays: dict[str, Any] | None = None) -> Any:
     """Return a dataclass as values JSON can hold; arrays are put into a dictionary."""
-    document = _model_of(cast("Any", type(value))).model_construct(value=value)
+    document = _document_model(cast("Any", type(value))).model_construct(value=value)
     return document.model_dump(mode="json", context={"arrays": arrays})["value"]
 
 
@@ -194,7 +194,7 @@ def _loaded(path: str | Path, file_format: str, document: dict[str, Any], kind: 
     try:
         arrays = _arrays(document.get("arrays"))
         _require_possible(document.get(name))
-        made: _T = validated_as(_model_of(cast("Any", kind)), {"value": document.get(name)}, arrays=arrays).value
+        made: _T = validated_as(_document_model(cast("Any", kind)), {"value": document.get(name)}, arrays=arrays).value
     except InputError as error:
         raise InputError(f"{name} {path}, {str(error).replace('key value.', 'key ', 1)}") from error
     return made

@@ -211,13 +211,13 @@ def meter_scale(
     require_one_correction(every)
     drift_rel = 0.0
     if certificate is not None:
-        _require_certificate_of(certificate, first, _times(readings)[0])
+        _require_certificate_for(certificate, first, _times(readings)[0])
         drift_rel = max(certificate.drift_rel(reading.timestamp) for _, reading in every)
     limits_rel = max(r.scale_half_width_rel for _, r in every)
     return MeterScale(first, limits_rel, certificate, f1_prime, light, drift_rel=drift_rel)
 
 
-def _require_certificate_of(certificate: MeterCertificate, meter: MeterIdentity, first: datetime) -> None:
+def _require_certificate_for(certificate: MeterCertificate, meter: MeterIdentity, first: datetime) -> None:
     """Refuse a certificate whose correction says nothing about readings of a meter, the first one at a time."""
     if other := certificate.of_another_meter(meter):
         raise CalibrationError(f"{other}, which took the readings: give the certificate of that meter")

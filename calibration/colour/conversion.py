@@ -187,7 +187,7 @@ def colour_patch_luminance(converter: ColourConverter, observations: ByPlane[Pat
     CalibrationError
         As `patch_luminance`, naming the plane; if a plane is missing, or the combined luminance is not positive.
     """
-    seen = [_of_plane(plane, observations) for plane in converter.planes]
+    seen = [_plane_luminance(plane, observations) for plane in converter.planes]
     patch, by_plane = seen[0].patch, np.array([patch_of_plane.luminance_cd_m2 for patch_of_plane in seen])
     luminance = float(np.array(converter.weights) @ by_plane)
     if luminance <= 0:
@@ -239,7 +239,7 @@ def _noise_rel2(plane: Calibration, row: PatchResidual) -> float:
     return plane.noise.variance_dn2(net_dn, plane.dark.noise_variance_dn2(exposure_s)) / net_dn**2
 
 
-def _of_plane(plane: Calibration, observations: ByPlane[PatchObservation]) -> PatchLuminance:
+def _plane_luminance(plane: Calibration, observations: ByPlane[PatchObservation]) -> PatchLuminance:
     name = plane.state.plane
     if name not in observations:
         raise CalibrationError(f"there are no observations of plane {name}: observe all planes of the frames")

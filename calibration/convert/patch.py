@@ -163,7 +163,7 @@ def contrast_uncertainty(bright: PatchLuminance, dark: PatchLuminance) -> float:
     >>> round(contrast_uncertainty(bright, dark), 4)
     0.0283
     """
-    return bright.luminance_cd_m2 / dark.luminance_cd_m2 * sqrt(sum(part for part, _ in _of_ratio(bright, dark)))
+    return bright.luminance_cd_m2 / dark.luminance_cd_m2 * sqrt(sum(part for part, _ in _ratio_parts(bright, dark)))
 
 
 def contrast_half_width_95(bright: PatchLuminance, dark: PatchLuminance) -> float:
@@ -177,10 +177,10 @@ def contrast_half_width_95(bright: PatchLuminance, dark: PatchLuminance) -> floa
     >>> round(contrast_half_width_95(bright, dark), 4)
     0.0554
     """
-    return bright.luminance_cd_m2 / dark.luminance_cd_m2 * expanded_uncertainty(_of_ratio(bright, dark))
+    return bright.luminance_cd_m2 / dark.luminance_cd_m2 * expanded_uncertainty(_ratio_parts(bright, dark))
 
 
-def _of_ratio(bright: PatchLuminance, dark: PatchLuminance) -> list[tuple[float, float]]:
+def _ratio_parts(bright: PatchLuminance, dark: PatchLuminance) -> list[tuple[float, float]]:
     """Squares of the relative uncertainty of a ratio, with their degrees of freedom."""
     a, b = numbered(bright.common), numbered(dark.common)
     left = []

@@ -91,7 +91,7 @@ def assemble(
         darks=tuple(darks),
         findings=(),
     )
-    return with_findings(found, findings_of(found, departure_rel(transfer.fitted, k.value)))
+    return with_findings(found, characterisation_findings(found, departure_rel(transfer.fitted, k.value)))
 
 
 def with_findings(found: Characterisation, more: Iterable[Finding]) -> Characterisation:
@@ -162,7 +162,7 @@ _CHANCE = 3.0
 _LARGEST_DEPARTURE = 0.05
 
 
-def findings_of(found: Characterisation, departure_rel: float) -> Iterator[Finding]:
+def characterisation_findings(found: Characterisation, departure_rel: float) -> Iterator[Finding]:
     """Find what is impossible or implausible in data sets and sessions.
 
     Parameters
@@ -190,7 +190,7 @@ def findings_of(found: Characterisation, departure_rel: float) -> Iterator[Findi
         yield (warning if series else info)("saturation-not-reached", net_dn=points[-1].net_dn)
     if limit == "converter":
         yield info("converter-saturates")
-    yield from _of_dark_current(found)
+    yield from _dark_current_findings(found)
     if departure_rel > _LARGEST_DEPARTURE:
         yield warning("photon-transfer-not-straight", departure_rel=departure_rel)
     # Deviations from the line that no usable camera has.
@@ -227,7 +227,7 @@ def findings_of_data_set(found: Characterisation) -> Iterator[Finding]:
         yield warning("noise-falls", net_dn=found.saturation_dn.value)
 
 
-def _of_dark_current(found: Characterisation) -> Iterator[Finding]:
+def _dark_current_findings(found: Characterisation) -> Iterator[Finding]:
     mean, by_variance = found.dark_current_e_s, found.dark_current_by_variance_e_s
     for current, code in ((mean, "dark-current-negative"), (by_variance, "dark-current-by-variance-negative")):
         if current is not None and current.value < -_CHANCE * current.u:

@@ -115,7 +115,7 @@ class CandidateModel:
             h = self.bracket.response
             value, slope = h.linearise(net_dn), h.slope(net_dn)
             return Curve(parameters[0] * value, parameters[0] * slope, value[:, None])
-        return self._of_knots(parameters, net_dn)
+        return self._curve_with_knots(parameters, net_dn)
 
     def rises(self, parameters: Array) -> bool:
         """Whether c is zero at zero and strictly rising up to n_max."""
@@ -144,7 +144,7 @@ class CandidateModel:
         responsivity = float(knots[1] / values[1])
         return Response(self.kind, tuple(knots.tolist()), tuple((values * responsivity).tolist())), responsivity
 
-    def _of_knots(self, parameters: Array, net_dn: Array) -> Curve:
+    def _curve_with_knots(self, parameters: Array, net_dn: Array) -> Curve:
         """Evaluate a pchip, or a response with knees, with finite differences by the parameters."""
         evaluated = self._pchip if self.kind == "pchip" else self._knees
         value, slope = evaluated(parameters, net_dn)

@@ -230,11 +230,11 @@ class FittedEffect(NamedTuple):
 
 def possible_effects(design: Design, *, with_exposures: bool = True) -> list[Effect]:
     """List the effects that observations could show, those of exposures if these are not the response's source."""
-    of_exposures = _of_exposures(design) if with_exposures else []
-    return [*_of_signals(design), *of_exposures, *_over_time(design), *_of_patches(design)]
+    of_exposures = _exposure_effects(design) if with_exposures else []
+    return [*_signal_effects(design), *of_exposures, *_time_effects(design), *_patch_effects(design)]
 
 
-def _of_signals(design: Design) -> list[Effect]:
+def _signal_effects(design: Design) -> list[Effect]:
     readings = design.reading_cd_m2
     dark = Effect("dark signal", (SharedError("dark signal", dn=1.0),))
     glare = Effect("glare", (SharedError(INTERCEPT, cd_m2=design.veil),))
@@ -245,7 +245,7 @@ def _of_signals(design: Design) -> list[Effect]:
     return effects
 
 
-def _of_exposures(design: Design) -> list[Effect]:
+def _exposure_effects(design: Design) -> list[Effect]:
     """Return an offset of all times, and deviations of single ones; nothing for a single one."""
     n = design.exposures_s.size
     if n < 2:
@@ -258,7 +258,7 @@ def _of_exposures(design: Design) -> list[Effect]:
     return effects
 
 
-def _over_time(design: Design) -> list[Effect]:
+def _time_effects(design: Design) -> list[Effect]:
     """Return a light that changes by 1 per hour, and readings lower by 1 from one patch on, two on each side."""
     if np.ptp(design.read_h) < _MIN_HOURS:
         return []
@@ -270,7 +270,7 @@ def _over_time(design: Design) -> list[Effect]:
     return effects
 
 
-def _of_patches(design: Design) -> list[Effect]:
+def _patch_effects(design: Design) -> list[Effect]:
     """Smooth changes over the image, r^2, x and y, only r^2 for few patches; and readings of single patches."""
     n = len(design.patches)
     spare = n - 1 - _SPARE_PATCHES

@@ -52,7 +52,7 @@ class Nonuniformity:
 
     def pixel_variance_dn2(self, dark_dn: float) -> float:
         """Variance of (DN - d) / V from pixel to pixel, in DN^2; noise included."""
-        return _of_difference(self.within, dark_dn)
+        return _mean_square_difference(self.within, dark_dn)
 
     def slow_variance_dn2(self, dark_dn: float) -> float:
         """Variance of (DN - d) / V across the region beyond that from pixel to pixel, in DN^2.
@@ -60,7 +60,7 @@ class Nonuniformity:
         One-way analysis of variance with random effects: (MS_between - MS_within) / n_0. 0 unless MS_between exceeds
         MS_within significantly, by three of its standard deviations sqrt(2 / dof).
         """
-        within, between = _of_difference(self.within, dark_dn), _of_difference(self.between, dark_dn)
+        within, between = _mean_square_difference(self.within, dark_dn), _mean_square_difference(self.between, dark_dn)
         if self.dof < 1 or between <= within * (1 + 3 * sqrt(2 / self.dof)):
             return 0.0
         return (between - within) / self.cell_pixels
@@ -116,7 +116,7 @@ def in_window(values: Array, used: NDArray[np.bool_], rest: float = 0.0) -> Arra
     return window
 
 
-def _of_difference(squares: MeanSquares, dark_dn: float) -> float:
+def _mean_square_difference(squares: MeanSquares, dark_dn: float) -> float:
     aa, ab, bb = squares
     return max(aa - 2 * dark_dn * ab + dark_dn**2 * bb, 0.0)
 

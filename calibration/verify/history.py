@@ -137,12 +137,12 @@ def histories(
     """
     groups: dict[tuple[str | int, ...], tuple[CameraState, LensIdentity, list[HistoryPoint]]] = {}
     found = [
-        (plane.state, plane.lens, _of_calibration(source, plane, weight if plane.state.plane else None))
+        (plane.state, plane.lens, _calibration_point(source, plane, weight if plane.state.plane else None))
         for source, c in calibrations.items()
         for plane, weight in zip(c.planes, c.weights, strict=True)
     ]
     found += [
-        (replace(v.state, plane=plane.plane), v.lens, _of_verification(source, v, plane))
+        (replace(v.state, plane=plane.plane), v.lens, _verification_point(source, v, plane))
         for source, v in verifications.items()
         for plane in v.planes
     ]
@@ -156,7 +156,7 @@ def histories(
     )
 
 
-def _of_calibration(source: str, calibration: Calibration, weight: float | None) -> HistoryPoint:
+def _calibration_point(source: str, calibration: Calibration, weight: float | None) -> HistoryPoint:
     fit, meter, k = calibration.responsivity, calibration.meter_scale, calibration.noise.k_dn_per_e
     kinds = scales_apart(meter, meter), (meter,)
     own_rel, whole_rel = (expanded_rel(scales, fit.random_rel, fit.dof or inf) for scales in kinds)
@@ -168,7 +168,7 @@ def _of_calibration(source: str, calibration: Calibration, weight: float | None)
     )
 
 
-def _of_verification(source: str, verification: Verification, plane: VerifiedPlane) -> HistoryPoint:
+def _verification_point(source: str, verification: Verification, plane: VerifiedPlane) -> HistoryPoint:
     found, responsivity = plane.drift, None
     if found is not None:
         responsivity = found.responsivity_dn_s_cd_m2, found.responsivity_own_rel, found.responsivity_expanded_rel

@@ -169,8 +169,8 @@ class _Comparison:
     def _measured(self, weights: NDArray[np.float64]) -> list[Part]:
         """Parts of a weighted mean of the deviations by what is measured now."""
         readings = parts_of_readings([self.read[patch.patch] for patch in self.seen], weights.tolist())
-        of_frames = [variance_from_one_estimate(self._of_sources(weights, source)) for source in OF_FRAMES]
-        of_times = self._of_sources(weights, EXPOSURE_TIME)
+        of_frames = [variance_from_one_estimate(self._source_parts(weights, source)) for source in OF_FRAMES]
+        of_times = self._source_parts(weights, EXPOSURE_TIME)
         return [(float(weights**2 @ self._own_rel2), inf), *readings, *of_frames, *of_times]
 
     def _calibrated(self, weights: NDArray[np.float64]) -> list[Part]:
@@ -178,15 +178,15 @@ class _Comparison:
         scatter = [
             (w**2 * patch.scatter_rel**2, patch.scatter_dof) for w, patch in zip(weights, self.seen, strict=True)
         ]
-        of_fit = variance_from_one_estimate([*self._of_sources(weights, "fit"), *scatter])
+        of_fit = variance_from_one_estimate([*self._source_parts(weights, "fit"), *scatter])
         others = {source for source, _, _ in self._common if not source.startswith(("fit", *_MEASURED, FLAT_FIELD))}
-        return [of_fit, *(part for source in sorted(others) for part in self._of_sources(weights, source))]
+        return [of_fit, *(part for source in sorted(others) for part in self._source_parts(weights, source))]
 
-    def _of_place(self, weights: NDArray[np.float64]) -> list[Part]:
+    def _position_parts(self, weights: NDArray[np.float64]) -> list[Part]:
         """Parts by what a flat field leaves at the patches."""
-        return [(float(np.sum(weights**2)) * self.field_rel**2, inf), *self._of_sources(weights, FLAT_FIELD)]
+        return [(float(np.sum(weights**2)) * self.field_rel**2, inf), *self._source_parts(weights, FLAT_FIELD)]
 
-    def _of_sources(self, weights: NDArray[np.float64], start: str) -> list[Part]:
+    def _source_parts(self, weights: NDArray[np.float64], start: str) -> list[Part]:
         same = [(pattern, dof) for source, pattern, dof in self._common if source.startswith(start)]
         return [(float(weights @ pattern) ** 2, dof) for pattern, dof in same]
 
@@ -206,7 +206,7 @@ class _Comparison:
         return normed
 
     def _whole(self, weights: NDArray[np.float64]) -> list[Part]:
-        return [*self._measured(weights), *self._calibrated(weights), *self._of_place(weights)]
+        return [*self._measured(weights), *self._calibrated(weights), *self._position_parts(weights)]
 
     def parts_of(self, number: int) -> list[Part]:
         """Parts of the deviation of one patch."""
@@ -218,7 +218,7 @@ class _Comparison:
         What the calibration is uncertain by is part of the change, and not of the responsivity now.
         """
         weights = self._weights()
-        mean, now = float(weights @ self.deviation_rel), [*self._measured(weights), *self._of_place(weights)]
+        mean, now = float(weights @ self.deviation_rel), [*self._measured(weights), *self._position_parts(weights)]
         return Drift(
             relative=mean,
             expanded_rel=expanded_with_scales(self.scales, self._whole(weights)),

@@ -186,10 +186,11 @@ def calibration_tables(calibration: AnyCalibration, budgets: PatchBudgets | None
         title = "Combination compared with single colours"
         of_step = (Column("luminance_from", "luminance from", value="name"), *_CANDIDATE)
         yield Table.of_items("combinations", title, of_step, calibration.ladder, detail=True)
-    yield _of_planes("models", "Models of the response", _MODELS, planes, "ladder", page_text("models-of-response"))
-    yield _of_planes("checks", "Checks of the model's assumptions", _CHECKS, planes, "tests")
+    note = page_text("models-of-response")
+    yield _table_by_plane("models", "Models of the response", _MODELS, planes, "ladder", note)
+    yield _table_by_plane("checks", "Checks of the model's assumptions", _CHECKS, planes, "tests")
     yield sources
-    yield _of_planes("left_out", "Left out of the fit", _LEFT_OUT, {"": calibration, **planes}, "left_out")
+    yield _table_by_plane("left_out", "Left out of the fit", _LEFT_OUT, {"": calibration, **planes}, "left_out")
     yield Table.of_facts("conditions", "Conditions", conditions(calibration), "condition")
 
 
@@ -225,7 +226,7 @@ def _patch_table(calibration: AnyCalibration, budgets: PatchBudgets) -> Table:
     return table.sorted_by("meter_cd_m2")
 
 
-def _of_planes(
+def _table_by_plane(
     name: str, title: str, columns: Sequence[Column], planes: Mapping[str, AnyCalibration], what: str, note: str = ""
 ) -> Table:
     """Return what each plane has of something, with the plane where there are several; empty for the combination."""

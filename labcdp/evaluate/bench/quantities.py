@@ -43,8 +43,8 @@ def quantities(calibration: AnyCalibration) -> list[NamedValue]:
         _meter(calibration.meter_scale),
     ]
     if isinstance(calibration, Calibration):
-        return [*_of_fit(calibration), *_of_dark(calibration), *_of_gains(calibration), *limits]
-    return [*_of_combination(calibration), *limits]
+        return [*_fit_quantities(calibration), *_dark_quantities(calibration), *_gain_quantities(calibration), *limits]
+    return [*_combination_quantities(calibration), *limits]
 
 
 def _meter(scale: MeterScale) -> NamedValue:
@@ -65,7 +65,7 @@ def responsivity(calibration: Calibration) -> NamedValue:
     return NamedValue("responsivity R", r, RESPONSIVITY, "fit and meter scale", u, expanded)
 
 
-def _of_fit(calibration: Calibration) -> Iterator[NamedValue]:
+def _fit_quantities(calibration: Calibration) -> Iterator[NamedValue]:
     from scipy.special import chdtrc
 
     fit, (low_dn, high_dn) = calibration.responsivity, calibration.range_net_dn
@@ -90,7 +90,7 @@ def _of_fit(calibration: Calibration) -> Iterator[NamedValue]:
     yield NamedValue("overall system gain K", k if k > 0 else None, "DN/e⁻", "by photon transfer")
 
 
-def _of_dark(calibration: Calibration) -> Iterator[NamedValue]:
+def _dark_quantities(calibration: Calibration) -> Iterator[NamedValue]:
     dark = calibration.dark
     u = sqrt(dark.offset_variance_dn2)
     yield NamedValue("dark offset", dark.offset_dn, "DN", "mean dark signal at exposure time 0", u)
@@ -105,7 +105,7 @@ def _of_dark(calibration: Calibration) -> Iterator[NamedValue]:
         yield NamedValue("doubling temperature", dark.doubling_temperature_c, "°C", "of the dark rate")
 
 
-def _of_gains(calibration: Calibration) -> Iterator[NamedValue]:
+def _gain_quantities(calibration: Calibration) -> Iterator[NamedValue]:
     for gain in calibration.gains:
         at, dark, of = f"at {gain.gain_db:g} dB", gain.dark, f"over that at {calibration.state.gain_db:g} dB"
         yield NamedValue(f"responsivity factor {at}", gain.factor, "", of, gain.factor * gain.factor_random_rel)
@@ -115,7 +115,7 @@ def _of_gains(calibration: Calibration) -> Iterator[NamedValue]:
         yield NamedValue(f"K {at}", gain.noise.k_dn_per_e, "DN/e⁻")
 
 
-def _of_combination(calibration: ColourCalibration) -> Iterator[NamedValue]:
+def _combination_quantities(calibration: ColourCalibration) -> Iterator[NamedValue]:
     meaning = "u of a patch whose colours differ as much as their mean"
     yield NamedValue("deviation by colour", calibration.spectral_rel, "%", meaning)
     yield NamedValue("scatter between patches", calibration.scatter_rel, "%", "that nothing else explains")

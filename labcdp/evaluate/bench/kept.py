@@ -6,7 +6,6 @@ import hashlib
 import json
 import logging
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -32,8 +31,12 @@ _MEASUREMENT = 1
 
 def keep_observations(sessions: Sequence[ObservedSession], path: Path) -> None:
     """Write the observations of sessions; nothing where a value is not finite, which a file cannot hold."""
-    with suppress(ValueError):
-        save_observations([_kept(one) for one in sessions], path)
+    try:
+        save_observations([_kept(session) for session in sessions], path)
+    except InputError:
+        raise
+    except ValueError as error:
+        _log.info("the observations are not kept (%s)", error)
 
 
 def kept_session(
@@ -67,7 +70,7 @@ def kept_session(
         _log.info("%s: the frames are measured again", error)
         sessions = []
     key = _key(session, [patch.name for patch in patches], corrections)
-    observations = next((one for one in sessions if one.key == key), None)
+    observations = next((kept for kept in sessions if kept.key == key), None)
     if observations is None:
         return None
     seen = {plane: {patch.name: list[PatchObservation]() for patch in patches} for plane in corrections}
@@ -114,15 +117,15 @@ def _key(session: Session, patches: Sequence[str], corrections: PlaneCorrections
     regions = {patch.name: patch.region() for patch in session.configuration.target.patches}
     content = {
         "measurement": _MEASUREMENT,
-        "frames": [[one.number, one.role, one.patch, one.exposure_s, one.file.sha256] for one in session.frames()],
+        "frames": [[f.number, f.role, f.patch, f.exposure_s, f.file.sha256] for f in session.frames()],
         "regions": [[name, _content(regions[name])] for name in patches],
         "planes": [
             [
                 plane,
                 field_diameter_px(session.configuration, plane),
-                *map(_content, (own.vignetting, own.defects, own.dark_library)),
+                *map(_content, (correction.vignetting, correction.defects, correction.dark_library)),
             ]
-            for plane, own in corrections.items()
+            for plane, correction in corrections.items()
         ],
     }
     return hashlib.sha256(json.dumps(content, default=str).encode()).hexdigest()

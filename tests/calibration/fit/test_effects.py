@@ -168,7 +168,7 @@ def test_of_two_equal_explanations_both_are_named():
     readings = 0.1 * (net - 10)
     design = design_of(net, readings, np.ones(9), (1e-3 * readings) ** 2)
     design = replace(design, exposure=np.zeros(9, int), exposures_s=np.ones(1))
-    (one,) = select(design, candidate_models(design, 64.0)).found
+    (one,) = select(design, candidate_models(design, 64.0)).effects
     assert {one.effect.kind, *(rival.effect.kind for rival in one.rivals)} == {"glare", "dark signal"}
     assert exp(max(rival.log_p for rival in one.rivals)) < FALSE_ALARM
 

@@ -58,9 +58,9 @@ def characterise(results: Results, path: Path) -> None:
     source = path if path.is_dir() else path.resolve().parent
     with results.folder(source) as folder:
         characterised, inputs, title = _characterised(path)
-        found = characterisation_result(characterised, title, inputs)
-        folder.add(characterisation_files(characterised, found))
-    results.show(found, folder)
+        result = characterisation_result(characterised, title, inputs)
+        folder.add(characterisation_files(characterised, result))
+    results.show(result, folder)
 
 
 def _characterised(path: Path) -> tuple[Characterisation, list[InputFile], str]:
@@ -68,13 +68,13 @@ def _characterised(path: Path) -> tuple[Characterisation, list[InputFile], str]:
     index = index_path(path)
     with progress_bar("Reading") as report:
         if index is not None:
-            found = characterise_data_set(index, report)
-            return found, [InputFile.of("index", index)], index.resolve().parent.name
+            characterised = characterise_data_set(index, report)
+            return characterised, [InputFile.of("index", index)], index.resolve().parent.name
         if not (path / "session.toml").exists():
             raise InputError(f"{path} contains neither a session nor {INDEX_NAME}: give a session or a data set")
         with Session.open(path) as session:
-            found = characterise_session(session, report)
-            return found, [session_input(session)], session.configuration.name
+            characterised = characterise_session(session, report)
+            return characterised, [session_input(session)], session.configuration.name
 
 
 def twin(
@@ -106,9 +106,9 @@ def twin(
     opened = Session.open(session)
     require_monochrome(opened)
     with results.folder(session) as folder:
-        asked = one_or_all(contrast)
-        evaluation = _twin(opened, calibration, without, asked, epsilon)
-        options = {"contrast": asked, "epsilon": epsilon, "without": without}
+        targets = one_or_all(contrast)
+        evaluation = _twin(opened, calibration, without, targets, epsilon)
+        options = {"contrast": targets, "epsilon": epsilon, "without": without}
         result = twin_result(evaluation, [session_input(opened), *inputs], options)
         folder.add(twin_files(evaluation, result))
     results.show(result, folder)
@@ -123,8 +123,8 @@ def _twin(
         observed, calibrated = observe_calibrated(
             session, loaded, without, partial(bars.set, "reading"), beside=calibration
         )
-        found = characterise_session(session, partial(bars.set, "characterising"))
-        return twin_session(observed, calibrated, found, contrast, epsilon, partial(bars.set, "predicting"))
+        characterised = characterise_session(session, partial(bars.set, "characterising"))
+        return twin_session(observed, calibrated, characterised, contrast, epsilon, partial(bars.set, "predicting"))
 
 
 #: Exit status by verdict.

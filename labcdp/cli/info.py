@@ -58,13 +58,13 @@ def info(file: Path, *, source: str = "A") -> None:
     """
     if not file.exists():
         raise InputError(f"{file} does not exist: give a file or folder")
-    found = describe(file, source)
-    properties = {"kind": found.kind, **found.properties}
+    description = describe(file, source)
+    properties = {"kind": description.kind, **description.properties}
     columns = (Column("property", "property", value="0"), Column("value", "value", value="1"))
     first = Table.of_items("properties", str(file), columns, properties.items())
     names = {"file": shell_word(file), "folder": shell_word(file if file.is_dir() else file.parent)}
-    following = (f"Next: labcdp {one.format(**names)}" for one in found.commands)
-    print_result(Result("info", str(file), (first, *found.tables)), *following)
+    following = (f"Next: labcdp {command.format(**names)}" for command in description.commands)
+    print_result(Result("info", str(file), (first, *description.tables)), *following)
 
 
 def describe(path: Path, source: str) -> Description:
@@ -103,11 +103,11 @@ def _folder(path: Path) -> Description:
     if (path / SESSION_JOURNAL).is_file():
         return _session(path)
     if (path / LIST_FILE).is_file():
-        names = sorted(one.name for one in path.iterdir() if one.name != LIST_FILE)
+        names = sorted(entry.name for entry in path.iterdir() if entry.name != LIST_FILE)
         return describe_list(path, "folder of results", names)
     if (path / INDEX_NAME).is_file():
         return _data_set(path)
-    if any(one.suffix.lower() in VIDEO_SUFFIXES for one in path.iterdir()):
+    if any(entry.suffix.lower() in VIDEO_SUFFIXES for entry in path.iterdir()):
         return Description("folder of videos", ("video {file} --roi rois.json",))
     try:
         return _video(path)
@@ -215,7 +215,7 @@ def _toml(path: Path) -> Description:
             "number": certificate.number,
             "laboratory": certificate.laboratory,
             "date": f"{certificate.date}",
-            "meter": " ".join(one for one in (certificate.model, certificate.serial) if one) or "not stated",
+            "meter": " ".join(part for part in (certificate.model, certificate.serial) if part) or "not stated",
         }
         return Description("certificate of a meter", ("calibrate SESSION --certificate {file}",), properties)
     if content and content.keys() <= {"seed", "camera", "sensor", "meter"}:
@@ -256,17 +256,17 @@ def _data_set(path: Path) -> Description:
 
 
 def _picture(path: Path) -> Description:
-    found = read_picture(path)
-    frame = found.frame
+    picture = read_picture(path)
+    frame = picture.frame
     properties = {
-        "size": "{1} x {0} pixels".format(*found.shape),
+        "size": "{1} x {0} pixels".format(*picture.shape),
         "values": "floats" if frame is None else f"{frame.bit_depth} bits, {frame.pixel_format}",
-        "encoding": found.encoding,
-        "exposure": exposure_text(frame.exposure_s) if frame is not None and found.exposure_known else "not stated",
-        "camera": str(frame.camera) if frame is not None and found.camera_stated else "not stated",
-        **_notes(found.findings),
+        "encoding": picture.encoding,
+        "exposure": exposure_text(frame.exposure_s) if frame is not None and picture.exposure_known else "not stated",
+        "camera": str(frame.camera) if frame is not None and picture.camera_stated else "not stated",
+        **_notes(picture.findings),
     }
-    tables = () if frame is None or found.coloured else (_clipping(frame),)
+    tables = () if frame is None or picture.coloured else (_clipping(frame),)
     commands = ("view {file}", "rois {file}", "image {file} --roi rois.json", "image-map {file}")
     return Description("picture", commands, properties, tables)
 
@@ -285,17 +285,17 @@ def _clipping(frame: Frame) -> Table:
     if frame.colour_filter is not None:
         names = [f"{column}, {row}" for row in ("upper", "lower") for column in ("left", "right")]
     black, white = frame.nominal_black_dn, frame.saturation_dn
-    found = (PlaneClipping.of(dn, black, white) for dn in planes_of(frame.dn, frame.colour_filter))
-    return Table.of_items("clipping", "End of the histogram", columns, zip(names, found, strict=True))
+    ends = (PlaneClipping.of(dn, black, white) for dn in planes_of(frame.dn, frame.colour_filter))
+    return Table.of_items("clipping", "End of the histogram", columns, zip(names, ends, strict=True))
 
 
 def _video(path: Path) -> Description:
-    found = open_video(path)
+    video = open_video(path)
     properties = {
-        "size": "{1} x {0} pixels".format(*found.shape),
-        "frames": "not stated" if found.frame_count is None else str(found.frame_count),
-        "frame rate": "not stated" if found.frame_rate is None else f"{found.frame_rate:.6g} Hz",
-        **_notes(found.findings),
+        "size": "{1} x {0} pixels".format(*video.shape),
+        "frames": "not stated" if video.frame_count is None else str(video.frame_count),
+        "frame rate": "not stated" if video.frame_rate is None else f"{video.frame_rate:.6g} Hz",
+        **_notes(video.findings),
     }
     return Description("video", ("rois {file} --frame 0", "video {file} --roi rois.json"), properties)
 

@@ -80,7 +80,7 @@ class ChosenFrames:
 
     def wanted(self, exposure_s: float) -> bool:
         """Whether frames of an exposure are converted; cameras apply an exposure in steps of their own."""
-        return not self.exposure or any(isclose(exposure_s, one, rel_tol=0.01) for one in self.exposure)
+        return not self.exposure or any(isclose(exposure_s, chosen_s, rel_tol=0.01) for chosen_s in self.exposure)
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ def luminance(
         "frames": list(selected.names),
         "exposures_s": list(result.exposures_s),
         "gain_db": selected.frames[0].gain_db,
-        "time": min(one.timestamp for one in selected.frames).isoformat(),
+        "time": min(frame.timestamp for frame in selected.frames).isoformat(),
     }
     paths, picture = [written.output], b""
     if written.preview is not None:
@@ -152,8 +152,8 @@ def luminance(
     if written.preview is not None:
         write_file(written.preview, picture, force=written.force)
         paths.append(written.preview)
-    found = _result(result, selected, metadata(result.map, about), calibration, written.output)
-    print_result(found, f"Written: {', '.join(map(str, paths))}")
+    shown = _result(result, selected, metadata(result.map, about), calibration, written.output)
+    print_result(shown, f"Written: {', '.join(map(str, paths))}")
 
 
 def _result(
@@ -165,7 +165,7 @@ def _result(
 ) -> Result:
     n, calibration = len(selected.frames), selected.calibration
     title = f"Luminance of {n} frame{'s' if n > 1 else ''} at {exposures(set(bracket.exposures_s))}"
-    taken, gain_db = [(one.exposure_s, one.temperature_c) for one in selected.frames], selected.frames[0].gain_db
+    taken, gain_db = [(frame.exposure_s, frame.temperature_c) for frame in selected.frames], selected.frames[0].gain_db
     darks = [plane.setting(gain_db).dark for plane in calibration.planes]
     warmer = [f for dark in darks for f in dark.temperature_findings(taken) + dark.unknown_temperature_findings(taken)]
     return Result(
@@ -191,14 +191,14 @@ def _selected(files: Sequence[Path], chosen: ChosenFrames, calibration: Path, lo
         raise InputError("--frame and --patch select frames of a session: give its folder, or leave them out")
     converter = calibrated_converter(loaded, calibration.name).given(temperature_c=chosen.temperature)
     read = [(str(path), *_of_file(path, converter)) for path in files]
-    kept = [one for one in read if chosen.wanted(one[1].exposure_s)]
+    kept = [row for row in read if chosen.wanted(row[1].exposure_s)]
     if not kept:
         there = _in_ms(sorted({frame.exposure_s for _, frame, _ in read}))
         raise InputError(
             f"none of the files has the exposure {_in_ms(chosen.exposure, ' or ')}: the files have {there}"
         )
     names = [name for name, _, _ in kept]
-    findings = unique(finding for _, _, found in kept for finding in found)
+    findings = unique(finding for _, _, of_file in kept for finding in of_file)
     inputs = tuple(InputFile.of("picture", name) for name in names)
     return _Selected(loaded, [frame for _, frame, _ in kept], names, findings, inputs)
 
@@ -254,7 +254,7 @@ def _of_file(path: Path, converter: Converter) -> tuple[Frame, tuple[Finding, ..
 
 
 def _in_ms(exposures_s: Iterable[float], between: str = ", ") -> str:
-    return between.join(f"{1e3 * one:g}ms" for one in exposures_s)
+    return between.join(f"{1e3 * exposure_s:g}ms" for exposure_s in exposures_s)
 
 
 def _expanded(u_rel: float | None) -> float | None:

@@ -149,7 +149,7 @@ class CalibrationOptions:
         if self.recalibrate or self.calibration is not None:
             return self.calibration
         usual = default_folder(session, "calibrate") / "calibration.json"
-        path = next((one for one in (usual, session.absolute().parent / usual) if one.exists()), None)
+        path = next((path for path in (usual, session.absolute().parent / usual) if path.exists()), None)
         if path is None:
             raise InputError(
                 f"{usual} does not exist, here or beside the session: run 'labcdp calibrate {shell_word(session)}' "
@@ -201,7 +201,7 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         path = folder.folder / "calibration.json"
         save(calibration, folder.path(path.name))
         keep_observations(observed, folder.path(OBSERVATIONS))
-        inputs = [session_input(opened), *(session_input(Session.open(one)) for one in more)]
+        inputs = [session_input(opened), *(session_input(Session.open(path)) for path in more)]
         options = {"output": str(folder.folder), **fit.configuration()}
         budgets = patch_budgets(calibration)
         result = calibration_result(calibration, opened.configuration.name, inputs, options, budgets)
@@ -249,7 +249,7 @@ def evaluate(
                 *observe_calibrated(opened, loaded, options.without, report, beside=path), contrasts
             )
         files = {"calibration": path, "requirement": options.require}
-        inputs = [InputFile.of(role, one) for role, one in files.items() if one is not None]
+        inputs = [InputFile.of(role, path) for role, path in files.items() if path is not None]
         result = session_result(evaluation, inputs, requirement=requirement)
         if by.against is not None and recorded is not None:
             _require_same(result, recorded, by.against)
@@ -266,7 +266,9 @@ def evaluate(
     required = verdicts_of(result)
     say_unmet(required)
     as_required: dict[LimitVerdict | None, Verdict] = {"fail": "not met", "undecided": "undecided"}
-    worst = worst_verdict(["met", *(as_required.get(one, "met") for one in verdicts.values()), *required.values()])
+    worst = worst_verdict(
+        ["met", *(as_required.get(verdict, "met") for verdict in verdicts.values()), *required.values()]
+    )
     if worst != "met":
         raise typer.Exit(REQUIREMENT_STATUS[worst])
 
@@ -278,9 +280,9 @@ def _require_same(result: Result, recorded: WrittenResult, against: Path) -> Non
         for values in (whole_result(against, envelope(result)), recorded)
     )
     if recorded.kind == "demo":
-        codes = [one["code"] for one in now["findings"]]
+        codes = [finding["code"] for finding in now["findings"]]
         before["tables"] = {name: before["tables"].get(name) for name in now["tables"]}
-        before["findings"] = [one for one in before["findings"] if one.get("code") in codes]
+        before["findings"] = [finding for finding in before["findings"] if finding.get("code") in codes]
     differing = next(_differences(now, before), None)
     if differing is not None:
         raise SessionError(
@@ -292,11 +294,13 @@ def _require_same(result: Result, recorded: WrittenResult, against: Path) -> Non
 def _differences(now: Any, before: Any, where: str = "") -> Iterator[str]:
     """Say where JSON values differ by more than rounding, such as by another number of threads."""
     if isinstance(now, list) and isinstance(before, list) and len(now) == len(before):
-        now, before = (dict(enumerate(one, start=1)) for one in (now, before))
+        now, before = (dict(enumerate(values, start=1)) for values in (now, before))
     floats = isinstance(now, float) and isinstance(before, float)
     if isinstance(now, dict) and isinstance(before, dict):
         for key in now | before:
             yield from _differences(now.get(key), before.get(key), f"{where} {key}".lstrip())
     elif now != before and not (floats and isclose(now, before, rel_tol=1e-6, abs_tol=1e-9)):
-        shown = (f"{len(one)} values" if isinstance(one, list | dict) else repr(one) for one in (now, before))
+        shown = (
+            f"{len(values)} values" if isinstance(values, list | dict) else repr(values) for values in (now, before)
+        )
         yield f"{where}: {' instead of '.join(shown)}"

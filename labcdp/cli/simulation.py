@@ -67,7 +67,7 @@ def presets(name: str | None = None) -> None:
     if name is not None and not as_json():
         typer.echo(preset_text(name), nl=False)
         return
-    chains = {one: Chain.load(one) for one in (preset_names() if name is None else (name,))}
+    chains = {preset: Chain.load(preset) for preset in (preset_names() if name is None else (name,))}
     columns = (Column("name", "name"), Column("description", "what it is"))
     data = {"name": list(chains), "description": [chain.description for chain in chains.values()]}
     documents = {} if name is None else {"chain": chains[name].document}
@@ -78,16 +78,16 @@ def presets(name: str | None = None) -> None:
 
 def simulate(options: ChainOptions, results: Results, chain: ChainName) -> None:
     """Simulate an imaging chain; compute signal, contrast and CDP after each stage."""
-    loaded, asked = Chain.load(chain).with_(**dict(options.changes)), (one_or_all(options.contrast), options.epsilon)
+    loaded, targets = Chain.load(chain).with_(**dict(options.changes)), (one_or_all(options.contrast), options.epsilon)
     with results.folder(chain) as folder:
         if options.exact:
-            found = predicted_result(loaded, *asked, _inputs(chain, loaded))
-            folder.add(prediction_files(found, loaded))
+            result = predicted_result(loaded, *targets, _inputs(chain, loaded))
+            folder.add(prediction_files(result, loaded))
         else:
-            evaluation = evaluate_run(loaded.run(options.seed), *asked)
-            found = simulation_result(evaluation, _inputs(chain, loaded))
-            folder.add(simulation_files(found, evaluation))
-    results.show(found, folder)
+            evaluation = evaluate_run(loaded.run(options.seed), *targets)
+            result = simulation_result(evaluation, _inputs(chain, loaded))
+            folder.add(simulation_files(result, evaluation))
+    results.show(result, folder)
 
 
 def sweep(
@@ -119,9 +119,9 @@ def sweep(
         with progress_bar("Cells") as report:
             dataset = run_sweep(wanted, folder, report, where.chosen())
         analysis = analyse_map(dataset, expected=known_transitions(loaded, wanted.stage))
-        found = sweep_result(dataset, analysis, _inputs(chain, loaded), wanted.findings())
-        folder.add(map_files(found, dataset, analysis))
-    results.show(found, folder)
+        result = sweep_result(dataset, analysis, _inputs(chain, loaded), wanted.findings())
+        folder.add(map_files(result, dataset, analysis))
+    results.show(result, folder)
 
 
 def reproduce(results: Results, what: str, *, seeds: Annotated[int, As(least=5)] = 30) -> None:
@@ -138,9 +138,9 @@ def reproduce(results: Results, what: str, *, seeds: Annotated[int, As(least=5)]
         raise InputError(f"cannot reproduce {what!r}: give thesis")
     with results.folder(what) as folder:
         with progress_bar("Settings") as report:
-            found = thesis_result(reproduce_thesis(seeds, report))
-        folder.add(thesis_files(found))
-    results.show(found, folder)
+            result = thesis_result(reproduce_thesis(seeds, report))
+        folder.add(thesis_files(result))
+    results.show(result, folder)
 
 
 def _inputs(name: str, chain: Chain) -> list[InputFile]:

@@ -95,7 +95,7 @@ def _truth(result: Result, bench: SimulatedBench, transport: str) -> Table:
         Column("error_rel", "error", "%", "Calibrated over simulated, minus 1.", decimals=2),
         Column("transport", "camera", "", "How frames of the simulated camera were transferred."),
     )
-    errors_rel = [one / true - 1 for one, true in zip(calibrated, simulated, strict=True)]
+    errors_rel = [value / true - 1 for value, true in zip(calibrated, simulated, strict=True)]
     values = (patches, simulated, calibrated, errors_rel, [transport] * len(patches))
     data: dict[str, Any] = {column.name: of_column for column, of_column in zip(columns, values, strict=True)}
     return Table("simulation", "Calibrated and simulated luminance", columns, data, detail=True)

@@ -168,13 +168,13 @@ class BlackPattern:
         columns, rows : ndarray of float, shape (width,) and (height,), or None
             What is added by columns and rows; None for nothing.
         """
-        parts = [np.asarray(one, float) for one in (group, *(one for one in (columns, rows) if one is not None))]
-        mean_dn = sum(float(one.mean()) for one in parts)
-        around = [one - one.mean() for one in (group, columns, rows) if one is not None]
-        if not any(np.any(one) for one in around):
+        parts = [np.asarray(part, float) for part in (group, *(part for part in (columns, rows) if part is not None))]
+        mean_dn = sum(float(part.mean()) for part in parts)
+        around = [part - part.mean() for part in (group, columns, rows) if part is not None]
+        if not any(np.any(part) for part in around):
             return mean_dn, None
         of_lines = [
-            () if one is None or not np.ptp(one) else tuple((one - one.mean()).tolist()) for one in (columns, rows)
+            () if part is None or not np.ptp(part) else tuple((part - part.mean()).tolist()) for part in (columns, rows)
         ]
         return mean_dn, cls(tuple(tuple(row) for row in around[0].tolist()), *of_lines)
 
@@ -188,7 +188,7 @@ class BlackPattern:
         fits = (
             len(lengths) == 1
             and 0 not in lengths
-            and all(len(one) in (0, size) for one, size in ((self.rows, shape[0]), (self.columns, shape[1])))
+            and all(len(offsets) in (0, size) for offsets, size in ((self.rows, shape[0]), (self.columns, shape[1])))
         )
         if not fits:
             raise InputError(f"the black pattern does not fit a frame of {shape[1]} x {shape[0]} pixels")
@@ -410,8 +410,8 @@ def plane_group(colour_filter: str, levels: Sequence[float]) -> NDArray[np.float
     group = np.empty((2, 2))
     # Gr shares the row of R, Gb its column.
     places = ((row, column), (row, 1 - column), (1 - row, column), (1 - row, 1 - column))
-    for place, level in zip(places, levels, strict=True):
-        group[place] = level
+    for position, level in zip(places, levels, strict=True):
+        group[position] = level
     return group
 
 

@@ -289,10 +289,10 @@ def require_alike(maps: Sequence[LuminanceMap]) -> None:
         If they differ in shape, in step, or in what their common errors are.
     """
     corner = slice(0, 1), slice(0, 1)
-    sources = [[(e.source, e.rectangular) for e in one.common_in(corner)] for one in maps]
+    sources = [[(e.source, e.rectangular) for e in map_.common_in(corner)] for map_ in maps]
     first = maps[0]
-    for other, found in zip(maps, sources, strict=True):
+    for other, of_other in zip(maps, sources, strict=True):
         if (other.shape, other.step) != (first.shape, first.step):
             raise InputError(f"maps of {first.shape} and {other.shape} pixels cannot be joined: give one size")
-        if found != sources[0]:
+        if of_other != sources[0]:
             raise InputError("maps of different calibrations cannot be joined: convert all frames with one")

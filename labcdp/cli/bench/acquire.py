@@ -230,8 +230,8 @@ def import_files(
     exposures_s = _by_name(exposure, "--exposure", parse_seconds)
     temperatures_c = _by_name(temperature, "--temperature", parse_temperature)
     given = partial(_pictures, exposures_s, temperatures_c)
-    files = [one for text in light for one in given(*_of_patch(text), "light")]
-    files += [one for text in dark for one in given("", text, "dark")]
+    files = [file for text in light for file in given(*_of_patch(text), "light")]
+    files += [file for text in dark for file in given("", text, "dark")]
     if not any(file.role == "light" for file in files):
         raise InputError("no picture of the target: give --light with a file, folder or pattern")
     names = {str(file.path) for file in files} | {""}
@@ -257,8 +257,8 @@ def import_files(
 
 def _of_patch(text: str) -> tuple[str, str]:
     """Split ``PATCH=FILE``; FILE alone is of no patch."""
-    patch, found, name = text.partition("=")
-    if not found or Path(text).exists():
+    patch, separator, name = text.partition("=")
+    if not separator or Path(text).exists():
         return "", text
     if not (patch and name):
         raise InputError(f"--light is {shown(text)}: give FILE, or PATCH=FILE")
@@ -281,13 +281,13 @@ def _pictures(
     of_role = temperatures_c.get(role, temperatures_c.get(""))
     return [
         ImportFile(
-            one,
+            path,
             role,
             patch or None,
-            exposures_s.get(str(one), exposures_s.get("")),
-            temperatures_c.get(str(one), of_role),
+            exposures_s.get(str(path), exposures_s.get("")),
+            temperatures_c.get(str(path), of_role),
         )
-        for one in paths
+        for path in paths
     ]
 
 

@@ -150,7 +150,10 @@ def _refuse_other_replay(session: Session, recorded: Session) -> None:
         )
     both = (session.configuration, recorded.configuration)
     # What determines the frames and readings and their order.
-    plans = [one.plan.model_dump(exclude={"interval_s", "largest_flicker_rel", "largest_drift_rel"}) for one in both]
+    plans = [
+        configuration.plan.model_dump(exclude={"interval_s", "largest_flicker_rel", "largest_drift_rel"})
+        for configuration in both
+    ]
     for key, same in (("target", both[0].target == both[1].target), ("plan", plans[0] == plans[1])):
         if not same:
             raise InputError(

@@ -37,8 +37,8 @@ def devices(*, set_address: str | None = None) -> None:
         First assign this camera an address in one of this computer's networks, until it is switched off.
     """
     if set_address is not None:
-        serial, found, address = set_address.partition("=")
-        if not (serial and found):
+        serial, separator, address = set_address.partition("=")
+        if not (serial and separator):
             raise InputError(f"--set-address is {set_address!r}: give SERIAL=ADDRESS, for example 50-1=192.168.7.20")
         say(f"Camera {serial} now has {change_address(serial, address)}, until it is switched off")
     findings: list[Finding] = []

@@ -106,8 +106,8 @@ def _report(result: Result, selector: str | None, meter: str | None, model: Lite
     """Make the archive of a problem report; what cannot be read is left out, as the findings say why."""
     files = {"doctor.json": envelope_json(result).encode()}
     with suppress(CameraError):
-        found = discover()
-        for info in found if selector is None else [choose(found, selector)]:
+        devices = discover()
+        for info in devices if selector is None else [choose(devices, selector)]:
             with suppress(CameraError):
                 files |= camera_files(info)
     if meter is not None:
@@ -136,20 +136,20 @@ def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Check]]
     """Check the selected camera, or all cameras found."""
     known = interfaces()
     try:
-        found = discover()
-        if selector is not None and found:
-            found = [choose(found, selector)]
+        devices = discover()
+        if selector is not None and devices:
+            devices = [choose(devices, selector)]
     except CameraError as error:
         # A missing Aravis is reported as a fault of this computer; only real cameras need it.
         return [("Cameras", [Check.failed("discovery", error, "unknown" if selector is None else "fault")])]
-    if not found:
+    if not devices:
         return [("Cameras", [no_camera_check(known, firewall(), "notice" if selector is None else "fault")])]
 
     def check(info: CameraInfo) -> tuple[str, list[Check]]:
         name = f"Camera {info.vendor} {info.model}, serial {info.serial}, at {info.address}"
         return name, _attempt(lambda: check_camera(info, known, stream=stream))
 
-    return [check(info) for info in found]
+    return [check(info) for info in devices]
 
 
 def _print(groups: list[tuple[str, list[Check]]], counts: Counter[str]) -> None:

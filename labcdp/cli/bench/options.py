@@ -76,7 +76,7 @@ class DeviceOptions(BenchDevices):
     @property
     def given(self) -> bool:
         """Whether devices are named."""
-        return bool(self.simulating) or any(one is not None for one in (self.camera, self.meter, self.transcript))
+        return bool(self.simulating) or any(chosen is not None for chosen in (self.camera, self.meter, self.transcript))
 
     def check(self, meter: MeterConfiguration) -> None:
         """Check the options against the configured meter, if they are for real devices; raises InputError."""

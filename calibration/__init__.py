@@ -6,11 +6,11 @@ interval.
 """
 
 from .calibrate import fit
+from .camera import common_errors
 from .colour.conversion import colour_patch_luminance
 from .colour.fit import fit_colour
 from .colour.model import AnyCalibration, ColourCalibration
 from .convert.patch import PatchLuminance, contrast_half_width_95, contrast_uncertainty, patch_luminance
-from .converter import common_errors
 from .fit_records import ResponsivityFit
 from .frames.observations import CameraState, DarkObservation, PatchObservation
 from .frames.observe import observe_dark, observe_patches

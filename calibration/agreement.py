@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.result import Finding, warning
+from .camera import EXPOSURE_TIME, common_errors
 from .convert.patch import is_within_response
-from .converter import EXPOSURE_TIME, common_errors
 from .frames.observations import PatchObservation
 from .model import Calibration
 from .setup import METER_SOURCES

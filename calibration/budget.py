@@ -15,9 +15,7 @@ from ..core.errors import InputError
 from ..core.luminance import CommonError
 from ..core.result import Finding, FindingValue, info
 from ..core.vignetting import Cos4Vignetting, FlatField, RadialVignetting, cropped
-from .colour.conversion import errors_of_plane, joined
-from .colour.model import AnyCalibration, ColourCalibration
-from .converter import (
+from .camera import (
     BLACK_LEVEL,
     DARK_OFFSET,
     FLAT_FIELD,
@@ -30,6 +28,8 @@ from .converter import (
     common_errors,
     placed,
 )
+from .colour.conversion import errors_of_plane, joined
+from .colour.model import AnyCalibration, ColourCalibration
 from .frames.nonuniformity import vignetting_errors
 from .model import Calibration, PatchResidual
 from .setup import METER_SOURCES, MeterScale

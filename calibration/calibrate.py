@@ -16,8 +16,8 @@ import numpy as np
 from ..core.errors import CalibrationError
 from ..core.result import Finding, log_findings
 from ..core.vignetting import AnyVignetting
+from .camera import INTERCEPT, VIGNETTING
 from .convert.patch import patch_luminance
-from .converter import INTERCEPT, VIGNETTING
 from .exposure_times import ExposureTimes
 from .fit import checks
 from .fit.assumed_vignetting import seen_vignetting, vignetting_after, with_wider_vignetting

@@ -1,4 +1,4 @@
-"""Calibration: a converter of DN to cd/m^2, and its evidence."""
+"""Calibration: a calibrated camera and its evidence."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from ..core.frame import Frame
 from ..core.luminance import WHOLE, LuminanceMap, Window
 from ..core.result import Finding, html_table, number
 from ..core.spectra import Source, SpectralTable
+from .camera import CalibratedCamera
 from .convert.conversion import to_luminance
-from .converter import Converter
 from .fit_records import FitTest, LeftOut, ModelStep
 from .frames.observations import CameraState
 from .readings import MeasuredPatch, PatchReading
@@ -70,8 +70,8 @@ def luminance_range(rows: Sequence[PatchResidual], misread: Collection[str] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibration(Converter):
-    """A converter and its evidence.
+class Calibration(CalibratedCamera):
+    """A calibrated camera and its evidence.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class Calibration(Converter):
     Raises
     ------
     InputError
-        As `Converter`, and if there is no residual.
+        As `CalibratedCamera`, and if there is no residual.
     """
 
     source_spectrum: str

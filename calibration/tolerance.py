@@ -7,7 +7,7 @@ from math import inf, sqrt
 from typing import Protocol, TypeAlias
 
 from ..core.result import Finding, warning
-from .converter import Converter
+from .camera import CalibratedCamera
 from .setup import LensIdentity, MeterScale
 from .uncertainty import effective_dof, expanded_rel
 
@@ -40,7 +40,7 @@ class _Calibration(Protocol):
     @property
     def weights(self) -> tuple[float, ...]: ...
     @property
-    def planes(self) -> tuple[Converter, ...]: ...
+    def planes(self) -> tuple[CalibratedCamera, ...]: ...
 
 
 def own_tolerance_rel(calibration: _Calibration, other_rel: float = 0.0) -> float:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ...core.errors import CalibrationError, InputError
 from ...core.luminance import CommonError
 from ...core.result import unique
+from ..camera import FLICKER, INTERCEPT, REFOCUS, STABILITY, TEMPERATURE, VIGNETTING
 from ..convert.patch import PatchLuminance, outside_range, patch_luminance
-from ..converter import FLICKER, INTERCEPT, REFOCUS, STABILITY, TEMPERATURE, VIGNETTING
 from ..frames.observations import PatchObservation
 from ..model import Calibration, PatchResidual
 from ..setup import METER_SOURCES
@@ -36,7 +36,7 @@ _AXES = np.sqrt(2) / 3 * np.exp(2j * np.pi * np.arange(3) / 3)
 
 
 @dataclass(frozen=True)
-class ColourConverter:
+class CalibratedColourCamera:
     """DN to cd/m^2 for a camera with colour filters: L = sum of w_p L_p over the planes p.
 
     L_p is the luminance by the plane's own calibration, so with its rate S_p = h_p(DN - d_p) / (t V) and responsivity
@@ -86,7 +86,7 @@ class ColourConverter:
             raise InputError(f"range_cd_m2 is {low:g} to {high:g}: give two positive luminances, the lower first")
 
     def at_their_temperature(self) -> Self:
-        """Return the converter for frames of the session of its dark frames, at whose temperature they were taken."""
+        """Return it for frames of the session of its dark frames, at whose temperature they were taken."""
         return replace(self, planes=tuple(plane.at_their_temperature() for plane in self.planes))
 
     def for_use(self, recorded: Iterable[datetime | None], temperatures_c: Iterable[float | None] = ()) -> Self:
@@ -164,7 +164,7 @@ class ColourConverter:
 
 
 def luminance_of_planes(
-    calibration: Calibration | ColourConverter, observations: ByPlane[PatchObservation]
+    calibration: Calibration | CalibratedColourCamera, observations: ByPlane[PatchObservation]
 ) -> PatchLuminance:
     """Luminance of one patch from its observations by plane."""
     if isinstance(calibration, Calibration):
@@ -172,12 +172,12 @@ def luminance_of_planes(
     return colour_patch_luminance(calibration, observations)
 
 
-def colour_patch_luminance(converter: ColourConverter, observations: ByPlane[PatchObservation]) -> PatchLuminance:
+def colour_patch_luminance(camera: CalibratedColourCamera, observations: ByPlane[PatchObservation]) -> PatchLuminance:
     """Luminance of one patch by the combination of planes.
 
     Parameters
     ----------
-    converter : ColourConverter
+    camera : CalibratedColourCamera
         Of the same camera and settings.
     observations : mapping of str to sequence of PatchObservation
         Of one patch, by the name of the plane.
@@ -187,19 +187,19 @@ def colour_patch_luminance(converter: ColourConverter, observations: ByPlane[Pat
     CalibrationError
         As `patch_luminance`, naming the plane; if a plane is missing, or the combined luminance is not positive.
     """
-    seen = [_plane_luminance(plane, observations) for plane in converter.planes]
+    seen = [_plane_luminance(plane, observations) for plane in camera.planes]
     patch, by_plane = seen[0].patch, np.array([patch_of_plane.luminance_cd_m2 for patch_of_plane in seen])
-    luminance = float(np.array(converter.weights) @ by_plane)
+    luminance = float(np.array(camera.weights) @ by_plane)
     if luminance <= 0:
         raise CalibrationError(
             f"patch {patch!r} has {luminance:.3g} cd/m² by the combination of planes: its light is not of the kind the "
             "weights are for; calibrate with a patch of this colour"
         )
-    shares = np.array(converter.weights) * by_plane / luminance
-    pairs = list(zip(converter.planes, seen, strict=True))
+    shares = np.array(camera.weights) * by_plane / luminance
+    pairs = list(zip(camera.planes, seen, strict=True))
     independent = [own_rel(plane, patch_of_plane) for plane, patch_of_plane in pairs]
-    random_rel = hypot(float(np.linalg.norm(shares * independent)), converter.scatter_rel, converter.field_rel)
-    grey, grey_rel = converter.grey
+    random_rel = hypot(float(np.linalg.norm(shares * independent)), camera.scatter_rel, camera.field_rel)
+    grey, grey_rel = camera.grey
     colour = _colour(by_plane / grey, np.abs(by_plane) * np.hypot(independent, grey_rel)) * grey
     # The range of a single plane does not matter.
     findings = [
@@ -212,11 +212,11 @@ def colour_patch_luminance(converter: ColourConverter, observations: ByPlane[Pat
         patch=patch,
         luminance_cd_m2=luminance,
         random_rel=random_rel,
-        scatter_rel=converter.scatter_rel,
-        scatter_dof=converter.scatter_dof or inf,
-        common=converter.common_errors(colour, [patch_of_plane.common for patch_of_plane in seen], shares.tolist()),
+        scatter_rel=camera.scatter_rel,
+        scatter_dof=camera.scatter_dof or inf,
+        common=camera.common_errors(colour, [patch_of_plane.common for patch_of_plane in seen], shares.tolist()),
         exposures_s=tuple(sorted({t for patch_of_plane in seen for t in patch_of_plane.exposures_s})),
-        findings=(*unique(findings), *outside_range(patch, luminance, random_rel, converter.range_cd_m2)),
+        findings=(*unique(findings), *outside_range(patch, luminance, random_rel, camera.range_cd_m2)),
     )
 
 

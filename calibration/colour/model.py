@@ -21,7 +21,7 @@ from ..frames.observations import CameraState
 from ..model import Calibration, PatchResidual, calibration_table
 from ..setup import LensIdentity, MeterScale, Provenance
 from ..uncertainty import student_factor
-from .conversion import ColourConverter
+from .conversion import CalibratedColourCamera
 
 _Map: TypeAlias = NDArray[np.floating[Any]]
 #: Groups of pixels on each side whose mean is the colour of the light.
@@ -42,16 +42,16 @@ def _widened(window: Window, shape: tuple[int, int]) -> tuple[Window, Window]:
 class _CombinedMap(LuminanceMap):
     """Map of a frame by the maps of its planes, of the part `inner` of theirs."""
 
-    def __init__(self, converter: ColourConverter, maps: Sequence[LuminanceMap], inner: Window) -> None:
-        self._converter, self._maps, self._inner, self.step = converter, maps, inner, 2
+    def __init__(self, camera: CalibratedColourCamera, maps: Sequence[LuminanceMap], inner: Window) -> None:
+        self._camera, self._maps, self._inner, self.step = camera, maps, inner, 2
         self._luminance = np.zeros(maps[0].shape, dtype=np.float32)
-        for weight, plane in zip(converter.weights, maps, strict=True):
+        for weight, plane in zip(camera.weights, maps, strict=True):
             self._luminance += np.float32(weight) * plane.luminance_cd_m2
         self.luminance_cd_m2 = self._luminance[inner]
         # Of grey light.
-        shares = np.array(converter.weights) / sum(converter.weights)
+        shares = np.array(camera.weights) / sum(camera.weights)
         self.fixed_rel = float(np.linalg.norm(shares * [plane.fixed_rel for plane in maps]))
-        self.slow_rel = hypot(converter.field_rel, converter.scatter_rel * student_factor(converter.scatter_dof or inf))
+        self.slow_rel = hypot(camera.field_rel, camera.scatter_rel * student_factor(camera.scatter_dof or inf))
         self._slow_cd_m2 = self._combined([plane.slow_cd_m2 for plane in maps])[inner]
 
     @cached_property
@@ -73,7 +73,7 @@ class _CombinedMap(LuminanceMap):
     def _combined(self, of_planes: Sequence[_Map | float]) -> _Map:
         """Return the standard uncertainty of the weighted sum, of independent ones of the planes."""
         variance = np.zeros(self._maps[0].shape, dtype=np.float32)
-        for weight, one in zip(self._converter.weights, of_planes, strict=True):
+        for weight, one in zip(self._camera.weights, of_planes, strict=True):
             variance += np.square(np.float32(weight) * one)
         return np.sqrt(variance)
 
@@ -83,10 +83,10 @@ class _CombinedMap(LuminanceMap):
         rows, columns = (range(n)[a][b] for n, a, b in zip(shape, self._inner, window, strict=True))
         window = slice(rows.start, rows.stop), slice(columns.start, columns.stop)
         magnitude = self._magnitude[window]
-        weighted = zip(self._converter.weights, self._maps, strict=True)
+        weighted = zip(self._camera.weights, self._maps, strict=True)
         shares = [weight * one.luminance_cd_m2[window] / magnitude for weight, one in weighted]
         of_planes = [one.common_in(window) for one in self._maps]
-        return self._converter.common_errors(self._colours(window), of_planes, shares)
+        return self._camera.common_errors(self._colours(window), of_planes, shares)
 
     def _colours(self, window: Window) -> _Map:
         """Luminances by the planes without their noise, which is no colour of the light: means of neighbours."""
@@ -100,7 +100,7 @@ class _CombinedMap(LuminanceMap):
     @cached_property
     def invalid(self) -> NDArray[np.uint8]:
         luminance, margin = self._luminance, RANGE_MARGIN * self._pixel_rel * self._magnitude
-        low, high = self._converter.range_cd_m2
+        low, high = self._camera.range_cd_m2
         invalid = np.where(luminance < 0, Invalid.BELOW_BLACK, 0).astype(np.uint8)
         invalid[(luminance + margin < low) | (luminance - margin > high)] |= np.uint8(Invalid.OUTSIDE_CALIBRATED)
         for one in self._maps:
@@ -131,8 +131,8 @@ class CombinationStep:
 
 
 @dataclass(frozen=True)
-class ColourCalibration(ColourConverter):
-    """A colour converter and its evidence.
+class ColourCalibration(CalibratedColourCamera):
+    """A calibrated colour camera and its evidence.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from ...core.frame import Frame
 from ...core.luminance import RANGE_MARGIN, WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.result import log_findings
 from ...core.vignetting import AnyVignetting, Cos4Vignetting, RadialVignetting
-from ..converter import Converter, common_errors, numbers_by_pattern, placed
+from ..camera import CalibratedCamera, common_errors, numbers_by_pattern, placed
 from ..frames.observations import CameraState
 from ..setup import LensIdentity
 from ..uncertainty import student_factor
@@ -29,14 +29,14 @@ _LEAST_NET_DN = 1e-6
 _Maps = NDArray[np.float32]
 
 
-def to_luminance(converter: Converter, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
+def to_luminance(camera: CalibratedCamera, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
     """Convert a frame: L = h(DN - d(t, T)) / (R t V(x, y)).
 
     An exposure outside the calibrated ones is logged; a luminance outside the calibrated range is flagged.
 
     Parameters
     ----------
-    converter : Converter
+    camera : CalibratedCamera
         Of the camera.
     frame : Frame
         DN, shape (height, width); may show a part of the calibrated sensor.
@@ -49,17 +49,17 @@ def to_luminance(converter: Converter, frame: Frame, window: Window = WHOLE) -> 
         If camera, settings or gain are not calibrated.
     """
     state = CameraState.of(frame)
-    converter = converter.in_region(state)
-    converter.require(state, f"frame {frame.frame_id}")
+    camera = camera.in_region(state)
+    camera.require(state, f"frame {frame.frame_id}")
     # Said once for a frame, and not for each of its blocks.
     if window[0].start in (None, 0):
-        _log_what_was_not_calibrated(converter, frame)
-    library, taken = converter.dark_library, (frame.exposure_s, frame.temperature_c)
+        _log_what_was_not_calibrated(camera, frame)
+    library, taken = camera.dark_library, (frame.exposure_s, frame.temperature_c)
     pattern = None if library is None else library.correction_dn(frame.shape, *taken)
     noise_dn = 0.0 if library is None or pattern is None else library.noise_dn(*taken)
-    inverse_v = _inverse_v(converter.vignetting, frame.shape)
+    inverse_v = _inverse_v(camera.vignetting, frame.shape)
     inverse_v, pattern = (None if array is None else array[window] for array in (inverse_v, pattern))
-    return _CalibratedMap(converter, frame, window, inverse_v, pattern, noise_dn)
+    return _CalibratedMap(camera, frame, window, inverse_v, pattern, noise_dn)
 
 
 def require_lens(calibrated: LensIdentity, lens: LensIdentity) -> None:
@@ -71,13 +71,13 @@ def require_lens(calibrated: LensIdentity, lens: LensIdentity) -> None:
         )
 
 
-def _log_what_was_not_calibrated(converter: Converter, frame: Frame) -> None:
-    low, high = converter.exposures_s[0], converter.exposures_s[-1]
+def _log_what_was_not_calibrated(camera: CalibratedCamera, frame: Frame) -> None:
+    low, high = camera.exposures_s[0], camera.exposures_s[-1]
     if not low * (1 - 1e-6) <= frame.exposure_s <= high * (1 + 1e-6):
         text = "frame %d has an exposure of %g s, the calibration was made at %g to %g s"
         _log.warning(text, frame.frame_id, frame.exposure_s, low, high)
     taken = [(frame.exposure_s, frame.temperature_c)]
-    dark = converter.setting(frame.gain_db).dark
+    dark = camera.setting(frame.gain_db).dark
     log_findings(_log, dark.temperature_findings(taken, f"frame {frame.frame_id}"))
 
 
@@ -86,22 +86,22 @@ class _CalibratedMap(LuminanceMap):
 
     def __init__(
         self,
-        converter: Converter,
+        camera: CalibratedCamera,
         frame: Frame,
         window: Window,
         inverse_v: _Maps | None,
         dark_pattern_dn: _Maps | None,
         library_noise_dn: float,
     ) -> None:
-        self._converter, self._frame, self._window, self._inverse_v = converter, frame, window, inverse_v
+        self._camera, self._frame, self._window, self._inverse_v = camera, frame, window, inverse_v
         self._dark_pattern_dn, self._library_noise_dn = dark_pattern_dn, library_noise_dn
-        self.step, self._dn, self._setting = 1, frame.dn[window], converter.setting(frame.gain_db)
-        self._scale = converter.dn_per_cd_m2(frame.exposure_s, frame.gain_db)
+        self.step, self._dn, self._setting = 1, frame.dn[window], camera.setting(frame.gain_db)
+        self._scale = camera.dn_per_cd_m2(frame.exposure_s, frame.gain_db)
         self.luminance_cd_m2 = self._luminance()
-        fit = converter.responsivity
+        fit = camera.responsivity
         # A map has no degrees of freedom: 1.96 of these uncertainties are the expanded one.
-        self.slow_rel = hypot(converter.field_rel, fit.scatter_rel * student_factor(fit.scatter_dof or inf))
-        self.fixed_rel = converter.pixel_rel(self._setting.gain_db)
+        self.slow_rel = hypot(camera.field_rel, fit.scatter_rel * student_factor(fit.scatter_dof or inf))
+        self.fixed_rel = camera.pixel_rel(self._setting.gain_db)
 
     def _luminance(self) -> _Maps:
         if self._dark_pattern_dn is None:
@@ -117,7 +117,7 @@ class _CalibratedMap(LuminanceMap):
     def random_rel(self) -> _Maps:
         """Relative standard uncertainty by noise of pixel and library, and by the pixel's sensitivity."""
         if self._dark_pattern_dn is None:
-            magnitude = np.abs(self._converter.response.linearise(self._away_from_zero)) / self._scale
+            magnitude = np.abs(self._camera.response.linearise(self._away_from_zero)) / self._scale
             return look_up(np.hypot(self._error_by_dn / magnitude, self.fixed_rel).astype(np.float32), self._dn)
         error = look_up(self._error_by_dn.astype(np.float32), self._dn, self._inverse_v)
         error /= np.maximum(np.abs(self.luminance_cd_m2), np.float32(1e-30))
@@ -135,10 +135,10 @@ class _CalibratedMap(LuminanceMap):
     @cached_property
     def slow_cd_m2(self) -> _Maps | float:
         """Independent uncertainty of each region by its dark signal; a number for a linear response."""
-        dn = hypot(self._converter.responsivity.scatter_dn, self._setting.dark.nonuniformity_dn)
+        dn = hypot(self._camera.responsivity.scatter_dn, self._setting.dark.nonuniformity_dn)
         by_dn = (self._slope_by_dn * dn).astype(np.float32)
-        if self._converter.response.kind == "linear":
-            return float(by_dn[0]) * _mean_inverse_v(self._converter.vignetting, self._frame.shape)
+        if self._camera.response.kind == "linear":
+            return float(by_dn[0]) * _mean_inverse_v(self._camera.vignetting, self._frame.shape)
         return look_up(by_dn, self._dn, self._inverse_v)
 
     def common_in(self, window: Window) -> tuple[CommonError, ...]:
@@ -148,7 +148,7 @@ class _CalibratedMap(LuminanceMap):
             e if np.ndim(e.relative) == 0 else replace(e, relative=look_up(np.asarray(e.relative), dn))
             for e in self._common_by_dn
         )
-        return placed(self._converter, by_dn, [-pattern[window] for pattern in self._patterns])
+        return placed(self._camera, by_dn, [-pattern[window] for pattern in self._patterns])
 
     @cached_property
     def common_rel(self) -> _Maps:
@@ -156,7 +156,7 @@ class _CalibratedMap(LuminanceMap):
         by_dn = np.zeros(self._net_dn.shape)
         for error in self._common_by_dn:
             by_dn += np.square(np.asarray(error.relative, dtype=float))
-        patterns, numbers = self._patterns, numbers_by_pattern(self._converter)
+        patterns, numbers = self._patterns, numbers_by_pattern(self._camera)
         if not patterns:
             return look_up(np.sqrt(by_dn).astype(np.float32), self._dn)
         total = look_up(by_dn.astype(np.float32), self._dn)
@@ -171,18 +171,18 @@ class _CalibratedMap(LuminanceMap):
         """Flags of the pixels."""
         luminance, flags = self.luminance_cd_m2, look_up(self._flags_by_dn(), self._dn)
         margin = look_up((RANGE_MARGIN * self._error_by_dn).astype(np.float32), self._dn, self._inverse_v)
-        low, high = self._converter.range_cd_m2
+        low, high = self._camera.range_cd_m2
         flags[luminance < 0] |= Invalid.BELOW_BLACK.value
         flags[(luminance + margin < low) | (luminance - margin > high)] |= Invalid.OUTSIDE_CALIBRATED.value
-        if self._converter.defects is not None:
-            flags[self._converter.defects.mask(self._frame.shape)[self._window]] |= Invalid.DEFECT.value
+        if self._camera.defects is not None:
+            flags[self._camera.defects.mask(self._frame.shape)[self._window]] |= Invalid.DEFECT.value
         return flags
 
     def _flags_by_dn(self) -> NDArray[np.uint8]:
         """Saturation, and for a curved response the end of its range."""
-        saturation_dn = min(self._frame.saturation_dn, self._converter.state.saturation_dn)
-        low, high = self._converter.range_net_dn
-        margin, kind = RANGE_MARGIN * self._noise_by_dn, self._converter.response.kind
+        saturation_dn = min(self._frame.saturation_dn, self._camera.state.saturation_dn)
+        low, high = self._camera.range_net_dn
+        margin, kind = RANGE_MARGIN * self._noise_by_dn, self._camera.response.kind
         flags = np.where(np.arange(self._net_dn.size) >= saturation_dn, Invalid.SATURATED, 0).astype(np.uint8)
         if kind != "linear":
             flags[self._net_dn - margin > high] |= Invalid.OUTSIDE_CALIBRATED.value
@@ -201,12 +201,12 @@ class _CalibratedMap(LuminanceMap):
 
     @cached_property
     def _luminance_by_dn(self) -> _Maps:
-        return (self._converter.response.linearise(self._net_dn) / self._scale).astype(np.float32)
+        return (self._camera.response.linearise(self._net_dn) / self._scale).astype(np.float32)
 
     @cached_property
     def _slope_by_dn(self) -> NDArray[np.float64]:
         """Luminance per DN."""
-        return self._converter.response.slope(self._net_dn) / self._scale
+        return self._camera.response.slope(self._net_dn) / self._scale
 
     @cached_property
     def _noise_by_dn(self) -> NDArray[np.float64]:
@@ -223,7 +223,7 @@ class _CalibratedMap(LuminanceMap):
     @cached_property
     def _common_by_dn(self) -> tuple[CommonError, ...]:
         frame, away = self._frame, self._away_from_zero
-        errors = common_errors(self._converter, away, frame.exposure_s, self._setting.gain_db, frame.temperature_c)
+        errors = common_errors(self._camera, away, frame.exposure_s, self._setting.gain_db, frame.temperature_c)
         return tuple(
             e if np.ndim(e.relative) == 0 else replace(e, relative=np.asarray(e.relative, np.float32)) for e in errors
         )
@@ -231,7 +231,7 @@ class _CalibratedMap(LuminanceMap):
     @property
     def _patterns(self) -> list[_Maps]:
         """Patterns of the vignetting's errors in the window."""
-        return [pattern[self._window] for pattern in _patterns(self._converter.vignetting, self._frame.shape)]
+        return [pattern[self._window] for pattern in _patterns(self._camera.vignetting, self._frame.shape)]
 
 
 @lru_cache(maxsize=8)

@@ -13,7 +13,7 @@ from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.luminance import RANGE_MARGIN, CommonError
 from ...core.result import Finding, unique, warning
-from ..converter import EXPOSURE_TIME, OF_FRAMES, Converter, common_errors, placed
+from ..camera import EXPOSURE_TIME, OF_FRAMES, CalibratedCamera, common_errors, placed
 from ..frames.nonuniformity import vignetting_errors
 from ..frames.observations import PatchObservation
 from ..setup import METER_SOURCES
@@ -102,12 +102,12 @@ class PatchLuminance:
         return self.luminance_cd_m2 - half_width, self.luminance_cd_m2 + half_width
 
 
-def patch_luminance(calibration: Converter, observations: Sequence[PatchObservation]) -> PatchLuminance:
+def patch_luminance(calibration: CalibratedCamera, observations: Sequence[PatchObservation]) -> PatchLuminance:
     """Luminance of one patch from its observations at one or more exposures and gains.
 
     Parameters
     ----------
-    calibration : Converter
+    calibration : CalibratedCamera
         Of the same camera and settings.
     observations : sequence of PatchObservation
         Of one patch, observed with the calibration's vignetting.
@@ -137,7 +137,7 @@ def patch_luminance(calibration: Converter, observations: Sequence[PatchObservat
     return _combined(calibration, kept, findings)
 
 
-def is_within_response(calibration: Converter, observation: PatchObservation) -> bool:
+def is_within_response(calibration: CalibratedCamera, observation: PatchObservation) -> bool:
     """Whether a signal is within the fitted range of a response that is not linear, with a small margin."""
     dark = calibration.setting(observation.state.gain_db).dark
     net_dn = observation.net_dn_at_pixel(dark.mean_dn(observation.exposure_s, observation.temperature_c))
@@ -203,7 +203,7 @@ def _parts(patches: Sequence[PatchLuminance], common: Sequence[CommonError]) -> 
 
 
 def _combined(
-    calibration: Converter, observations: Sequence[PatchObservation], findings: list[Finding]
+    calibration: CalibratedCamera, observations: Sequence[PatchObservation], findings: list[Finding]
 ) -> PatchLuminance:
     observations = [o for o in observations if is_within_response(calibration, o)] or observations
     signals = net_signals(observations, calibration.settings)
@@ -268,7 +268,7 @@ def _combined(
     )
 
 
-def _rim_rel(calibration: Converter, weight: Array, signals: NetSignals) -> float:
+def _rim_rel(calibration: CalibratedCamera, weight: Array, signals: NetSignals) -> float:
     """Return by how much the rim of a region changes its mean, beyond noise and what the calibration's patches had.
 
     What is inside may be the patch, and the rim have light of the surroundings, by defocus or a halo; or the patch is
@@ -283,12 +283,14 @@ def _rim_rel(calibration: Converter, weight: Array, signals: NetSignals) -> floa
     return max(beyond, of_middle, key=abs) if beyond * of_middle > 0 else beyond
 
 
-def _unknown_temperatures(calibration: Converter, observations: Sequence[PatchObservation]) -> tuple[Finding, ...]:
+def _unknown_temperatures(
+    calibration: CalibratedCamera, observations: Sequence[PatchObservation]
+) -> tuple[Finding, ...]:
     darks = ((calibration.setting(o.state.gain_db).dark, (o.exposure_s, o.temperature_c)) for o in observations)
     return unique(finding for dark, taken in darks for finding in dark.unknown_temperature_findings([taken]))
 
 
-def _unconfirmed(calibration: Converter, patch: str, net_dn: Array, each: Array, weight: Array) -> list[Finding]:
+def _unconfirmed(calibration: CalibratedCamera, patch: str, net_dn: Array, each: Array, weight: Array) -> list[Finding]:
     """Warn of signals above the calibrated ones, unless the patch's lower signals give the same luminance."""
     highest_dn = calibration.range_net_dn[1]
     above = net_dn > highest_dn * (1 + _RANGE_MARGIN)

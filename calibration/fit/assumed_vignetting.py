@@ -7,7 +7,7 @@ from math import sqrt
 
 from ...core.quantity import Quantity
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
-from ..converter import VIGNETTING
+from ..camera import VIGNETTING
 from .design import Array, Design
 from .problem import Solution
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...core.result import Finding, FindingValue, info, warning
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
-from ..converter import VIGNETTING
+from ..camera import VIGNETTING
 from ..fit_records import FitTest, undecided_cause
 from ..readings import contradiction
 from ..sensor.dark import DarkModel

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.vignetting import AnyVignetting
-from ..converter import BLACK_LEVEL, EXPOSURE_TIME, FLAT_FIELD, FLICKER, exposure_time_rel, vignetting_source
+from ..camera import BLACK_LEVEL, EXPOSURE_TIME, FLAT_FIELD, FLICKER, exposure_time_rel, vignetting_source
 from ..frames.nonuniformity import slow_rel, smooth_patterns, vignetting_errors
 from ..frames.observations import Groups, PatchObservation
 from ..readings import PatchReading

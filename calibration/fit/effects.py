@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
-from ..converter import INTERCEPT
+from ..camera import INTERCEPT
 from ..uncertainty import SMALL_EFFECT_REL
 from .design import Array, Design, SharedError
 from .problem import Solution, solution_at, solve

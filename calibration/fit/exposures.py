@@ -9,7 +9,7 @@ from math import hypot, sqrt
 import numpy as np
 
 from ...core.errors import CalibrationError
-from ..converter import EXPOSURE_TIME
+from ..camera import EXPOSURE_TIME
 from ..exposure_times import ExposureTimes
 from .design import Design, SharedError
 from .effects import FittedEffect

@@ -10,8 +10,8 @@ import numpy as np
 
 from ...core.errors import CalibrationError
 from ...core.result import Finding, warning
+from ..camera import VIGNETTING
 from ..convert.patch import PatchLuminance
-from ..converter import VIGNETTING
 from ..fit_records import FitError
 from ..frames.observations import Groups
 from ..model import PatchResidual

@@ -9,7 +9,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ..converter import OF_FRAMES
+from ..camera import OF_FRAMES
 from ..uncertainty import COVERAGE, NO_SCATTER, SMALL_P_VALUE, Scatter, effective_dof, p_value_of_chi_squared
 from .candidates import CandidateModel
 from .design import Array, Design

@@ -16,11 +16,11 @@ from ...core.errors import CalibrationError
 from ...core.luminance import CommonError
 from ...core.reading import Reading
 from ...core.result import Finding, warning
+from ..camera import EXPOSURE_TIME, FLAT_FIELD, OF_FRAMES, STABILITY, VIGNETTING
 from ..colour.conversion import ByPlane, luminance_of_planes, own_rel
 from ..colour.model import AnyCalibration
 from ..colour.patches import by_patch, nonuniformity_rel
 from ..convert.patch import PatchLuminance, numbered, patch_luminance
-from ..converter import EXPOSURE_TIME, FLAT_FIELD, OF_FRAMES, STABILITY, VIGNETTING
 from ..fit_records import summarised
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration

@@ -8,7 +8,7 @@ import pytest
 
 from labcdp.calibration import fit, fit_colour, patch_luminance
 from labcdp.calibration.budget import SOURCES, budget, budget_exposure_s, darkest_corner_px
-from labcdp.calibration.converter import common_errors
+from labcdp.calibration.camera import common_errors
 from labcdp.core.vignetting import Cos4Vignetting, FlatField, RadialVignetting
 
 from .conftest import FEW_CD_M2, FEW_S, STATE, SimulatedMeter, bench, colour_bench, make_reading, row

@@ -8,7 +8,7 @@ import pytest
 
 from labcdp.calibration import contrast_half_width_95, fit, patch_luminance
 from labcdp.calibration.budget import budget
-from labcdp.calibration.converter import common_errors
+from labcdp.calibration.camera import common_errors
 
 from ..conftest import FEW_CD_M2, FEW_S, bench, codes, row
 

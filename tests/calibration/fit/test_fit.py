@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import fit, patch_luminance
-from labcdp.calibration.converter import EXPOSURE_TIME_REL
+from labcdp.calibration.camera import EXPOSURE_TIME_REL
 from labcdp.core.errors import LabcdpError
 from labcdp.core.reading import CD_M2_PER_FL, MeterIdentity
 

@@ -1,4 +1,4 @@
-"""Converter: DN of one camera, setting and lens to cd/m^2, and the errors that its luminances have in common."""
+"""A calibrated camera: its DN as cd/m^2, and the errors that its luminances have in common."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def vignetting_source(vignetting: AnyVignetting | None) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Converter:
+class CalibratedCamera:
     """DN to cd/m^2 for one camera, setting and lens: h(DN - d(t, T)) = R t V(x, y) L.
 
     Parameters
@@ -207,12 +207,12 @@ class Converter:
         return dn * float(self.response.slope(0.0)) / self.dn_per_cd_m2(frame.exposure_s, frame.gain_db)
 
     def at_their_temperature(self) -> Self:
-        """Return the converter for frames of the session of its dark frames, at whose temperature they were taken."""
+        """Return it for frames of the session of its dark frames, at whose temperature they were taken."""
         gains = tuple(replace(one, dark=replace(one.dark, unknown_within_k=0.0)) for one in self.gains)
         return replace(self, dark=replace(self.dark, unknown_within_k=0.0), gains=gains)
 
     def in_region(self, state: CameraState) -> Self:
-        """Return the converter for the part of the sensor that frames of a state show.
+        """Return it for the part of the sensor that frames of a state show.
 
         The same where the state does not say which part, shows the whole, or has pixels that are not those of the
         calibration; `require` then judges it.
@@ -239,7 +239,7 @@ class Converter:
 
 
 def common_errors(
-    calibration: Converter,
+    calibration: CalibratedCamera,
     net_dn: ArrayLike,
     exposure_s: float,
     gain_db: float | None = None,
@@ -252,7 +252,7 @@ def common_errors(
 
     Parameters
     ----------
-    calibration : Converter
+    calibration : CalibratedCamera
         Of these frames.
     net_dn : array_like of float, any shape
         DN above dark at the pixels, V not removed.
@@ -310,14 +310,14 @@ def common_errors(
     return tuple(errors)
 
 
-def numbers_by_pattern(calibration: Converter) -> dict[int, int]:
+def numbers_by_pattern(calibration: CalibratedCamera) -> dict[int, int]:
     """Place among the errors of `common_errors`, from the end, of those by each pattern of the vignetting."""
     n = len(calibration.fit_errors)
     return {e.pattern: i - n for i, e in enumerate(calibration.fit_errors) if e.pattern is not None}
 
 
 def placed(
-    calibration: Converter, errors: Sequence[CommonError], by_place: Sequence[NDArray[np.floating[Any]]]
+    calibration: CalibratedCamera, errors: Sequence[CommonError], by_place: Sequence[NDArray[np.floating[Any]]]
 ) -> tuple[CommonError, ...]:
     """Add the errors of the vignetting at the pixels, one for each of its patterns, to those of `common_errors`.
 

@@ -47,7 +47,7 @@ def kept_receive_limit_bytes(root: Path = Path("/")) -> int | None:
     files = [path for folder in _SYSCTL_FOLDERS for path in (root / folder).glob("*.conf")]
     texts = [read_text(path) or "" for path in [*files, root / "etc/sysctl.conf"]]
     pattern = re.compile(r"^\s*-?net[./]core[./]rmem_max\s*=\s*(\d{1,18})\s*$", re.MULTILINE)
-    return max((int(found) for text in texts for found in pattern.findall(text)), default=None)
+    return max((int(limit) for text in texts for limit in pattern.findall(text)), default=None)
 
 
 def raise_receive_limit(frame_bytes: int) -> str:
@@ -117,16 +117,16 @@ def own_udp_sockets() -> Iterator[tuple[socket.socket, tuple[str, int]]]:
 
     The socket object is a duplicate that is closed afterwards; options set on it persist.
     """
-    for own in _own_sockets():
-        if own.family == socket.AF_INET and own.type == socket.SOCK_DGRAM:
-            yield own, own.getsockname()
+    for sock in _own_sockets():
+        if sock.family == socket.AF_INET and sock.type == socket.SOCK_DGRAM:
+            yield sock, sock.getsockname()
 
 
 def own_packet_sockets() -> Iterator[tuple[int, socket.socket]]:
     """Yield each packet socket of this process with the kernel's number (inode); duplicates as `own_udp_sockets`."""
-    for own in _own_sockets():
-        if own.family == socket.AF_PACKET:
-            yield os.fstat(own.fileno()).st_ino, own
+    for sock in _own_sockets():
+        if sock.family == socket.AF_PACKET:
+            yield os.fstat(sock.fileno()).st_ino, sock
 
 
 def _own_sockets() -> Iterator[socket.socket]:
@@ -143,7 +143,7 @@ def _own_sockets() -> Iterator[socket.socket]:
 
 def udp_socket_numbers() -> frozenset[int]:
     """Return the kernel's numbers (inodes) of this process' UDP sockets."""
-    return frozenset(os.fstat(own.fileno()).st_ino for own, _ in own_udp_sockets())
+    return frozenset(os.fstat(sock.fileno()).st_ino for sock, _ in own_udp_sockets())
 
 
 def shut_down(numbers: frozenset[int]) -> None:
@@ -151,11 +151,11 @@ def shut_down(numbers: frozenset[int]) -> None:
 
     Only sending: on a socket shut down for receiving, Aravis would poll endlessly.
     """
-    for own, _ in own_udp_sockets():
-        if os.fstat(own.fileno()).st_ino in numbers:
+    for sock, _ in own_udp_sockets():
+        if os.fstat(sock.fileno()).st_ino in numbers:
             # Linux reports ENOTCONN for a datagram socket but shuts it down anyway.
             with contextlib.suppress(OSError):
-                own.shutdown(socket.SHUT_WR)
+                sock.shutdown(socket.SHUT_WR)
 
 
 def enlarge_receive_buffer(port: int, wanted_bytes: int) -> int | None:

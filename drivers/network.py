@@ -94,17 +94,17 @@ def interface_to(address: str, known: Sequence[Interface]) -> Interface | None:
         wanted = IPv4Address(address)
     except ValueError:
         return None
-    if any(one.address.ip == wanted for one in known):
+    if any(interface.address.ip == wanted for interface in known):
         # Its own address is reached inside the computer.
-        return next((one for one in known if one.is_loopback), None)
+        return next((interface for interface in known if interface.is_loopback), None)
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
             asking.connect((str(wanted), _SOME_PORT))
-            own = IPv4Address(asking.getsockname()[0])
+            source = IPv4Address(asking.getsockname()[0])
     except OSError:
         return None
-    exactly = [one for one in known if one.address.ip == own]
-    return next(iter(exactly or [one for one in known if own in one.address.network]), None)
+    exactly = [interface for interface in known if interface.address.ip == source]
+    return next(iter(exactly or [interface for interface in known if source in interface.address.network]), None)
 
 
 def network_check(address: str, interface: Interface) -> Check | None:
@@ -131,13 +131,13 @@ def _beside(camera: IPv4Address) -> IPv4Interface:
     # Cameras that find no server give themselves a link-local address (RFC 3927), whose network has 16 bits.
     bits = 16 if camera.is_link_local else 24
     network = IPv4Interface(f"{camera}/{bits}").network
-    own = network[10] if network[10] != camera else network[11]
-    return IPv4Interface(f"{own}/{bits}")
+    suggestion = network[10] if network[10] != camera else network[11]
+    return IPv4Interface(f"{suggestion}/{bits}")
 
 
 def interface_checks(known: Sequence[Interface]) -> list[Check]:
     """Judge the network interfaces as ways to a GigE Vision camera; loopback is left out."""
-    real = [one for one in known if not one.is_loopback]
+    real = [interface for interface in known if not interface.is_loopback]
     if not real:
         return [
             Check(
@@ -148,43 +148,45 @@ def interface_checks(known: Sequence[Interface]) -> list[Check]:
                 "addr add 169.254.0.10/16 dev INTERFACE",
             )
         ]
-    found = [finding for one in real for finding in _judged(one)]
-    for one, other in combinations(real, 2):
-        if one.name != other.name and one.address.network.overlaps(other.address.network):
+    checks = [finding for interface in real for finding in _judged(interface)]
+    for interface, other in combinations(real, 2):
+        if interface.name != other.name and interface.address.network.overlaps(other.address.network):
             cause = (
-                f"{one.name} ({one.address}) and {other.name} ({other.address}) are in the same network: a camera on "
-                "one of them may be searched for on the other"
+                f"{interface.name} ({interface.address}) and {other.name} ({other.address}) are in the same network: "
+                "a camera on one of them may be searched for on the other"
             )
             remedy = f"give them different networks, for example sudo ip addr del {other.address} dev {other.name}"
-            found.append(Check(f"interface {other.name}", "notice", cause, remedy))
-    return found
+            checks.append(Check(f"interface {other.name}", "notice", cause, remedy))
+    return checks
 
 
-def _judged(one: Interface) -> list[Check]:
-    slow = one.speed_mbit_s is not None and one.speed_mbit_s < GIGABIT_MBIT_S
+def _judged(interface: Interface) -> list[Check]:
+    slow = interface.speed_mbit_s is not None and interface.speed_mbit_s < GIGABIT_MBIT_S
     problems: list[tuple[bool, str, str]] = [
-        (not one.is_up, "is switched off", f"sudo ip link set {one.name} up"),
-        (not one.has_link, "has no link", "check the cable, and that the camera has power"),
+        (not interface.is_up, "is switched off", f"sudo ip link set {interface.name} up"),
+        (not interface.has_link, "has no link", "check the cable, and that the camera has power"),
         (
             slow,
-            f"runs at {one.speed_mbit_s} Mbit/s: a GigE Vision camera needs {GIGABIT_MBIT_S}",
+            f"runs at {interface.speed_mbit_s} Mbit/s: a GigE Vision camera needs {GIGABIT_MBIT_S}",
             "use a cable of category 5e or better, and a gigabit port at both ends",
         ),
         (
-            one.mtu_bytes < JUMBO_BYTES,
-            f"takes packets of {one.mtu_bytes} bytes; jumbo frames of {JUMBO_BYTES} need less computing time and "
+            interface.mtu_bytes < JUMBO_BYTES,
+            f"takes packets of {interface.mtu_bytes} bytes; jumbo frames of {JUMBO_BYTES} need less computing time and "
             "lose fewer packets",
-            f"sudo ip link set {one.name} mtu {JUMBO_BYTES}, if it is the camera's interface and every switch between "
-            "takes them",
+            f"sudo ip link set {interface.name} mtu {JUMBO_BYTES}, if it is the camera's interface and every switch "
+            "between takes them",
         ),
     ]
-    topic = f"interface {one.name}"
-    found = [Check(topic, "notice", f"{one.address} {cause}", remedy) for there, cause, remedy in problems if there]
-    if found:
+    topic = f"interface {interface.name}"
+    notices = [
+        Check(topic, "notice", f"{interface.address} {cause}", remedy) for there, cause, remedy in problems if there
+    ]
+    if notices:
         # Without power or link there is nothing else to say.
-        return found if one.is_up and one.has_link else found[:1]
-    speed = "" if one.speed_mbit_s is None else f", {one.speed_mbit_s} Mbit/s"
-    return [Check(topic, "good", f"{one.address}, packets of {one.mtu_bytes} bytes{speed}")]
+        return notices if interface.is_up and interface.has_link else notices[:1]
+    speed = "" if interface.speed_mbit_s is None else f", {interface.speed_mbit_s} Mbit/s"
+    return [Check(topic, "good", f"{interface.address}, packets of {interface.mtu_bytes} bytes{speed}")]
 
 
 def stream_causes(
@@ -221,12 +223,12 @@ def stream_causes(
     buffer, packets = _receive_buffer(payload_bytes, granted_bytes, root), packet_size_check(packet_bytes, interface)
     away = None if interface is None else network_check(address, interface)
     if counted.completed + counted.failed + counted.missing:
-        found = [buffer, packets, _missing(counted.missing), away]
+        causes = [buffer, packets, _missing(counted.missing), away]
     else:
         # Packets larger than the path MTU never arrive; with a small buffer the first ones do.
         loopback = not address or (interface is not None and interface.is_loopback)
-        found = [packets, away, buffer, None if loopback else _firewall(address, firewall(root))]
-    return [finding for finding in [*found, _underruns(counted.underruns)] if finding is not None]
+        causes = [packets, away, buffer, None if loopback else _firewall(address, firewall(root))]
+    return [finding for finding in [*causes, _underruns(counted.underruns)] if finding is not None]
 
 
 def _receive_buffer(payload_bytes: int, granted_bytes: int | None, root: Path) -> Check | None:

@@ -160,7 +160,7 @@ class ReplayCamera(_Replay, Camera):
     def features(self) -> dict[str, FeatureValue]:
         """Return the last recorded GenICam features of the camera; empty if there are none."""
         records = reversed(self._opened().records)
-        events = (one for one in records if isinstance(one, EventRecord) and one.kind == FEATURES_EVENT)
+        events = (record for record in records if isinstance(record, EventRecord) and record.kind == FEATURES_EVENT)
         return dict(next((event.content["features"] for event in events), {}))
 
     def configure(

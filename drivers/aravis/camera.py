@@ -295,5 +295,5 @@ class AravisCamera(Camera):
             )
 
 
-def _sum(one: StreamStatistics, other: StreamStatistics) -> StreamStatistics:
-    return StreamStatistics(*(a + b for a, b in zip(astuple(one), astuple(other), strict=True)))
+def _sum(earlier: StreamStatistics, other: StreamStatistics) -> StreamStatistics:
+    return StreamStatistics(*(a + b for a, b in zip(astuple(earlier), astuple(other), strict=True)))

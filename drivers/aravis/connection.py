@@ -236,8 +236,8 @@ class Connection:
             if waited_s >= self.patience_s:
                 raise CameraLostError(f"{loss}; it did not come back within {self.patience_s:g} s [{last}]") from loss
             try:
-                found = _look_for(lost.info, everywhere=n_looks % _LOOKS_AT_ADDRESS == 0)
-                link = None if found is None else self._connect_as_before(found)
+                info = _look_for(lost.info, everywhere=n_looks % _LOOKS_AT_ADDRESS == 0)
+                link = None if info is None else self._connect_as_before(info)
             except _NotRestoredError as error:
                 raise CameraSettingError(error.cause, error.remedy) from error
             except CameraError as error:

@@ -50,10 +50,10 @@ def check_description(address: str) -> None:
     """
     urls = ((_read(address, register, _URL_BYTES) or b"").split(b"\0")[0].decode("latin-1") for register in _URLS)
     url = next(filter(None, urls), "")
-    place = re.fullmatch(r"local:([^;]*);(?:0x)?([0-9a-f]{1,16});(?:0x)?([0-9a-f]{1,16})(\?.*)?", url, re.IGNORECASE)
-    if place is None:
+    location = re.fullmatch(r"local:([^;]*);(?:0x)?([0-9a-f]{1,16});(?:0x)?([0-9a-f]{1,16})(\?.*)?", url, re.IGNORECASE)
+    if location is None:
         raise _refused(address, f"it is not kept in the camera but at {url[:80]!r}" if url else "the camera has none")
-    name, start, size = place[1], int(place[2], 16), int(place[3], 16)
+    name, start, size = location[1], int(location[2], 16), int(location[3], 16)
     if size > _MOST_KEPT_BYTES:
         raise _refused(address, f"it has {size} bytes, more than {_MOST_KEPT_BYTES}")
     data = _read(address, start, size) if start + size <= 2**32 else None

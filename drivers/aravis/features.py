@@ -67,11 +67,11 @@ def write_feature(camera: Any, name: str, value: FeatureValue) -> FeatureValue:
     return _value(node) if _allows(node, "R") else value
 
 
-def is_same(one: Any, other: Any, rounded_rel: float = 1e-9) -> bool:
+def is_same(value: Any, other: Any, rounded_rel: float = 1e-9) -> bool:
     """Whether two values of a feature are the same, numbers within a relative difference."""
-    if isinstance(one, float) and isinstance(other, int | float):
-        return isclose(one, other, rel_tol=rounded_rel, abs_tol=1e-12)
-    return bool(one == other)
+    if isinstance(value, float) and isinstance(other, int | float):
+        return isclose(value, other, rel_tol=rounded_rel, abs_tol=1e-12)
+    return bool(value == other)
 
 
 def _increment(camera: Any, name: str) -> int:
@@ -194,7 +194,7 @@ def _nodes(camera: Any) -> Iterator[Any]:
         if isinstance(node, aravis().GcCategory):
             names = [name for name in node.get_features() if name not in seen]
             seen.update(names)
-            waiting.extend(found for name in names if (found := genicam.get_node(name)) is not None)
+            waiting.extend(child for name in names if (child := genicam.get_node(name)) is not None)
         else:
             yield node
 

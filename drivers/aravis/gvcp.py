@@ -171,7 +171,7 @@ def announce_all(interface: str, timeout_s: float = 1.0) -> list[CameraInfo]:
     """
     seen = map(_announced, _ask_all(interface, DISCOVERY, b"", timeout_s))
     # Simulated cameras of one computer share its hardware address.
-    return list({(one.mac, one.address): one for one in seen if one is not None}.values())
+    return list({(info.mac, info.address): info for info in seen if info is not None}.values())
 
 
 def _ask_all(interface: str, command: int, payload: bytes, timeout_s: float) -> Iterator[Answer]:
@@ -215,11 +215,11 @@ def set_address(serial: str, wanted: str) -> IPv4Interface:
         address = IPv4Address(wanted)
     except AddressValueError:
         raise InputError(f"the address is {wanted!r}: give an IPv4 address such as 192.168.7.20") from None
-    interface = next((one for one in known if address in one.address.network), None)
+    interface = next((candidate for candidate in known if address in candidate.address.network), None)
     if interface is None:
-        listing = ", ".join(f"{one.name} ({one.address.network})" for one in known)
+        listing = ", ".join(f"{interface.name} ({interface.address.network})" for interface in known)
         raise InputError(f"{address} is in no network of this computer: choose one of {listing}")
-    if any(one.address.ip == address for one in known):
+    if any(interface.address.ip == address for interface in known):
         raise InputError(f"{address} is an address of this computer: choose another one")
     network = interface.address.network
     # A network of 31 bits has neither (RFC 3021).
@@ -234,14 +234,14 @@ def set_address(serial: str, wanted: str) -> IPv4Interface:
 
 
 def _force_address(interface: str, serial: str, new: IPv4Interface) -> None:
-    found = announce_all(interface)
-    camera = next((one for one in found if one.serial == serial), None)
+    cameras = announce_all(interface)
+    camera = next((info for info in cameras if info.serial == serial), None)
     if camera is None:
-        listing = ", ".join(f"{one.serial} at {one.address}" for one in found) or "none"
+        listing = ", ".join(f"{info.serial} at {info.address}" for info in cameras) or "none"
         raise CameraNotFoundError(
             f"no camera {serial} answers at {interface}; found: {listing}", "check power, cable and serial number"
         )
-    if any(one.address == str(new.ip) for one in found if one is not camera):
+    if any(info.address == str(new.ip) for info in cameras if info is not camera):
         raise InputError(f"{new.ip} is the address of another camera: choose another one")
     # Two bytes, the hardware address, and address and mask after twelve bytes each; at the end no gateway.
     payload = bytes(2) + camera.mac + bytes(12) + new.ip.packed + bytes(12) + new.netmask.packed + bytes(16)

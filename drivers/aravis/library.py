@@ -110,7 +110,7 @@ def device_text(get: Callable[..., str | None], *arguments: Any) -> str:
     return printable(text)
 
 
-def choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:
+def choose(cameras: list[CameraInfo], selector: str | None) -> CameraInfo:
     """Return the camera with a serial number, address or model, or the only one.
 
     Raises
@@ -118,8 +118,8 @@ def choose(found: list[CameraInfo], selector: str | None) -> CameraInfo:
     CameraNotFoundError
         If none fits, or more than one.
     """
-    listing = "; ".join(f"{i.vendor} {i.model}, serial {i.serial}, at {i.address}" for i in found) or "none"
-    fitting = [i for i in found if selector is None or selector in (i.serial, i.address, i.model)]
+    listing = "; ".join(f"{i.vendor} {i.model}, serial {i.serial}, at {i.address}" for i in cameras) or "none"
+    fitting = [i for i in cameras if selector is None or selector in (i.serial, i.address, i.model)]
     wanted = "camera" if selector is None else f"camera {selector!r} (serial number, address or model)"
     if not fitting:
         raise CameraNotFoundError(

@@ -100,8 +100,8 @@ def _black_level(camera: Any) -> float:
 
 
 def _read_readout(camera: Any, x: int, y: int) -> Readout:
-    def pair(one: str, other: str, otherwise: Any) -> Any:
-        return tuple(read_feature(camera, name) if available(camera, name) else otherwise for name in (one, other))
+    def pair(first: str, other: str, otherwise: Any) -> Any:
+        return tuple(read_feature(camera, name) if available(camera, name) else otherwise for name in (first, other))
 
     size = pair("WidthMax", "HeightMax", None)
     return Readout(
@@ -261,8 +261,8 @@ def _change_gain(camera: Any, gain_db: float) -> None:
     if name is None:
         if gain_db != 0:
             other = available(camera, _GAIN, _ABSOLUTE_GAIN, _RAW_GAIN)
-            own = "no gain" if other is None else f"its gain not in dB but as {other}, a feature to set by name"
-            raise CameraSettingError(f"the camera has {own}", f"ask for 0 dB, not {gain_db:g} dB")
+            state = "no gain" if other is None else f"its gain not in dB but as {other}, a feature to set by name"
+            raise CameraSettingError(f"the camera has {state}", f"ask for 0 dB, not {gain_db:g} dB")
         return
     require_range("gain_db", gain_db, _bounds(camera, name), "dB")
     _write_number(camera, name, gain_db)

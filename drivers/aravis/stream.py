@@ -252,8 +252,8 @@ class FrameStream:
     def _causes(self) -> list[str]:
         """Return possible transport problems, the most likely first, each with its remedy."""
         address, packet_bytes = self._link.info.address, self._packet_bytes
-        found = stream_causes(address, self._payload_bytes, packet_bytes, self._granted_bytes, self.statistics)
-        return [str(finding) for finding in found[:_MOST_CAUSES]]
+        causes = stream_causes(address, self._payload_bytes, packet_bytes, self._granted_bytes, self.statistics)
+        return [str(finding) for finding in causes[:_MOST_CAUSES]]
 
     def _counters(self) -> str:
         n = self.statistics

@@ -142,19 +142,19 @@ def set_up_transport(
 
 def find_neighbours(address: str, timeout_s: float) -> frozenset[str]:
     """Find the addresses of other cameras behind the same interface, for `timeout_s`; none on loopback."""
-    own = interface_to(address, interfaces())
-    if own is None or own.is_loopback:
+    interface = interface_to(address, interfaces())
+    if interface is None or interface.is_loopback:
         return frozenset()
     with contextlib.suppress(OSError):  # it went down: the camera tells
-        return frozenset(other.address for other in gvcp.announce_all(own.name, timeout_s)) - {address}
+        return frozenset(other.address for other in gvcp.announce_all(interface.name, timeout_s)) - {address}
     return frozenset()
 
 
 def ask_neighbours(addresses: Iterable[str]) -> dict[str, bool]:
     """Return which cameras are controlled by a program; one that does not answer any more is left out."""
     # One that streams, or a busy computer, may answer late.
-    asked = {address: gvcp.is_controlled(address, _TRIES) for address in addresses}
-    return {address: controlled for address, controlled in asked.items() if controlled is not None}
+    answers = {address: gvcp.is_controlled(address, _TRIES) for address in addresses}
+    return {address: controlled for address, controlled in answers.items() if controlled is not None}
 
 
 def find_packet_size(camera: Any, address: str) -> None:

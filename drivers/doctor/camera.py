@@ -101,14 +101,14 @@ def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool =
         with closing(connect(info, prepare=False)) as link:
             with link.using("it cannot be read") as camera:
                 facts = CameraFacts(read_settings(camera), dict(readable_features(camera)), temperature_c(camera))
-            found = (take_snapshot(link, stream=True), _trigger_modes(link)) if stream else None
-        if found is not None:
+            before = (take_snapshot(link, stream=True), _trigger_modes(link)) if stream else None
+        if before is not None:
             try:
                 facts = _streamed(info, facts)
             finally:
                 with closing(connect(info, prepare=False)) as link:
-                    _restore_trigger_modes(link, found[1])
-                    restore_snapshot(link, found[0])
+                    _restore_trigger_modes(link, before[1])
+                    restore_snapshot(link, before[0])
     except CameraError as error:
         topic = "controller" if isinstance(error, CameraBusyError) else "camera"
         return [Check.failed(topic, error), *_network(address, interface)]
@@ -120,10 +120,12 @@ def _way_to(info: CameraInfo, known: Sequence[Interface]) -> Interface | None:
     route = interface_to(info.address, known)
     if route is not None and network_check(info.address, route) is None:
         return route
-    for one in known:
+    for interface in known:
         with suppress(OSError):
-            if not one.is_loopback and any(seen.serial == info.serial for seen in gvcp.announce_all(one.name)):
-                return one
+            if not interface.is_loopback and any(
+                seen.serial == info.serial for seen in gvcp.announce_all(interface.name)
+            ):
+                return interface
     return route
 
 
@@ -215,14 +217,14 @@ def _bandwidth(facts: CameraFacts) -> list[Check]:
     """Compare the camera's bandwidth limit and what its frames need with the capacity of the link for packets."""
     settings, interface, rate_hz = facts.settings, facts.interface, facts.settings.frame_rate_hz
     limit = next(((name, value) for name in _BANDWIDTH_FEATURES if (value := facts.number(name))), None)
-    carried, packet, found = None, facts.number("GevSCPSPacketSize"), []
+    carried, packet, checks = None, facts.number("GevSCPSPacketSize"), []
     if interface is not None and interface.speed_mbit_s is not None:
         packet = packet or interface.mtu_bytes
         carried = interface.speed_mbit_s * 1e6 / 8 * packet / (packet + _ETHERNET_BYTES)
     if limit is not None and carried is not None:
         text = f"{limit[0]} is {size(limit[1])}/s, and the computer's interface carries {size(carried)}/s"
         remedy = f"set the camera's {limit[0]} to {carried * 0.95:.0f}"
-        found.append(Check.judged("bandwidth", text, remedy if limit[1] > carried else None))
+        checks.append(Check.judged("bandwidth", text, remedy if limit[1] > carried else None))
     tightest = min((value for value in (limit and limit[1], carried) if value is not None), default=None)
     if rate_hz is not None and tightest is not None:
         packet = packet or _SMALL_PACKET_BYTES
@@ -233,8 +235,8 @@ def _bandwidth(facts: CameraFacts) -> list[Check]:
             f"{size(per_frame * rate_hz)}/s of {size(tightest)}/s"
         )
         remedy = f"lower the frame rate to {tightest / per_frame:.3g} frames/s, or take fewer pixels or bits"
-        found.append(Check.judged("frame rate", text, remedy if per_frame * rate_hz > tightest else None))
-    return found
+        checks.append(Check.judged("frame rate", text, remedy if per_frame * rate_hz > tightest else None))
+    return checks
 
 
 def _temperature(temperature_c: float | None) -> Check | None:

@@ -96,17 +96,23 @@ def _capabilities(root: Path, interpreter: str) -> Check:
 def port_check(port: int = GVCP_PORT) -> Check | None:
     """Report who has a UDP port over IPv4; None if the kernel's list cannot be read."""
     try:
-        bound = [one for one in psutil.net_connections("udp4") if one.laddr and one.laddr.port == port]
-        names = {one.pid: psutil.Process(one.pid).name() for one in bound if one.pid is not None}
+        bound = [
+            connection
+            for connection in psutil.net_connections("udp4")
+            if connection.laddr and connection.laddr.port == port
+        ]
+        names = {
+            connection.pid: psutil.Process(connection.pid).name() for connection in bound if connection.pid is not None
+        }
     except (psutil.Error, OSError):
         return None
     topic = f"UDP port {port}"
     if not bound:
         return Check(topic, "good", "free for a simulated camera")
     users = [
-        f"{'a program of another user' if one.pid is None else f'{names[one.pid]} (process {one.pid})'} "
-        f"on {one.laddr.ip}"
-        for one in bound
+        f"{f'{names[user.pid]} (process {user.pid})' if user.pid is not None else 'a program of another user'} "
+        f"on {user.laddr.ip}"
+        for user in bound
     ]
     end = f"end it (kill {' '.join(map(str, sorted(names)))})" if names else "end that program"
     return Check(
@@ -177,13 +183,13 @@ def no_camera_check(known: Sequence[Interface], firewall: str | None, state: Sta
         Whether a camera was expected.
     """
     topic = "discovery"
-    ways = [one for one in known if not one.is_loopback and one.is_up and one.has_link]
+    ways = [interface for interface in known if not interface.is_loopback and interface.is_up and interface.has_link]
     if not ways:
         cause = "no camera answers, and no network interface with an IPv4 address has a link"
         return Check(topic, state, cause, "connect the camera, give it power, and see the network interfaces above")
-    cause = f"no camera answers at {', '.join(f'{one.name} ({one.address})' for one in ways)}"
+    cause = f"no camera answers at {', '.join(f'{interface.name} ({interface.address})' for interface in ways)}"
     if firewall is None:
         return Check(topic, state, cause, _BY_HAND)
-    networks = "; ".join(open_firewall(firewall, str(one.address.network)) for one in ways)
+    networks = "; ".join(open_firewall(firewall, str(interface.address.network)) for interface in ways)
     cause += f", and the firewall {firewall} may keep its answer out"
     return Check(topic, state, cause, f"{_BY_HAND}; then {networks}")

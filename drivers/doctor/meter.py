@@ -22,20 +22,20 @@ def serial_port_check(device: str, needed: bool) -> Check:
     bad: State = "fault" if needed else "notice"
     other = "choose one of the ports that labcdp devices lists"
     try:
-        found = os.stat(device)
+        status = os.stat(device)
     except (OSError, ValueError):
         return Check(topic, bad, f"there is no {device}", f"plug the adapter in, or {other}")
-    if not stat.S_ISCHR(found.st_mode):
+    if not stat.S_ISCHR(status.st_mode):
         return Check(topic, bad, f"{device} is not a serial port", other)
-    user, group, mode = _user(os.getuid()), _group(found.st_gid), stat.filemode(found.st_mode)
-    whose = f"{mode}, owner {_user(found.st_uid)}, group {group}"
+    user, group, mode = _user(os.getuid()), _group(status.st_gid), stat.filemode(status.st_mode)
+    whose = f"{mode}, owner {_user(status.st_uid)}, group {group}"
     if os.access(device, os.R_OK | os.W_OK):
         return Check(topic, "good", f"{user} may open it ({whose})")
     cause, again = f"{user} may not open it ({whose})", "log out and in again"
     if mode[4:6] != "rw" or group == "root":
         give = f"sudo chgrp {_GROUP} {device}; sudo chmod g+rw {device}"
         return Check(topic, bad, cause, f"{give}; sudo adduser {user} {_GROUP}, then {again}")
-    if _is_member(user, found.st_gid):
+    if _is_member(user, status.st_gid):
         # Not yet in this login session.
         return Check(topic, bad, f"{cause}, though of its group", again)
     return Check(topic, bad, cause, f"sudo adduser {user} {group}, then {again}")
@@ -90,18 +90,18 @@ def check_meter(port: str, model: MeterModel = "LS-110", timeout_s: float = 6.0)
     permission = serial_port_check(port, needed=True)
     if permission.state == "fault":
         return [permission]
-    found = [permission]
+    checks = [permission]
     try:
         with DRIVERS[model](port, timeout_s=timeout_s) as meter:
-            found.append(Check("meter", "good", f"it answers, and took PRESET, ABS, FAST and CONT (as {model})"))
-            found.append(_unit(meter))
+            checks.append(Check("meter", "good", f"it answers, and took PRESET, ABS, FAST and CONT (as {model})"))
+            checks.append(_unit(meter))
     except MeterNotFoundError as error:
-        found.append(Check.failed("port", error))
+        checks.append(Check.failed("port", error))
     except MeterTimeoutError as error:
-        found.append(Check("meter", "fault", error.cause, _REMOTE_MODE))
+        checks.append(Check("meter", "fault", error.cause, _REMOTE_MODE))
     except MeterError as error:
-        found.append(Check.failed("meter", error))
-    return found
+        checks.append(Check.failed("meter", error))
+    return checks
 
 
 def _unit(meter: MinoltaLS) -> Check:

@@ -88,18 +88,18 @@ class MinoltaLS(Meter):
             raise InputError(f"attempts is {attempts}: give at least 1")
         if not (isfinite(patience_s) and patience_s >= 0):
             raise InputError(f"patience_s is {patience_s}: give a number of seconds of at least 0")
-        self._port = place = NamedPort(port) if isinstance(port, str) else port
+        self._port = named_port = NamedPort(port) if isinstance(port, str) else port
         self._identity = identity or MeterIdentity(self.data_sheet.model, serial="unknown")
         self._modes = POWER_ON
         for mode in modes:
             self._modes = tuple(
                 mode if mode in group else former for group, former in zip(MODE_GROUPS, self._modes, strict=True)
             )
-        about = {"meter": self.data_sheet.model, "port": place.name, **SETTINGS, "rtscts": place.rtscts}
+        about = {"meter": self.data_sheet.model, "port": named_port.name, **SETTINGS, "rtscts": named_port.rtscts}
         about |= {"timeout_s": timeout_s}
-        writer = None if transcript is None else TranscriptWriter(transcript, about, place.clock)
+        writer = None if transcript is None else TranscriptWriter(transcript, about, named_port.clock)
         commands = [f"MDS,{mode.value}" for mode in self._modes]
-        self._line = MeterLine(place, timeout_s, attempts, patience_s, commands, writer)
+        self._line = MeterLine(named_port, timeout_s, attempts, patience_s, commands, writer)
 
     @property
     def identity(self) -> MeterIdentity:

@@ -268,8 +268,8 @@ def four_digits(value: float, decimals: int) -> Decimal | None:
         None if the number is larger than 999900, the largest of four digits in six characters.
     """
     exact = Decimal(repr(float(value)))
-    for place in range(-decimals, 3):
-        digits = int(exact.scaleb(-place).to_integral_value(ROUND_HALF_UP))
+    for exponent in range(-decimals, 3):
+        digits = int(exact.scaleb(-exponent).to_integral_value(ROUND_HALF_UP))
         if digits <= 9999:
-            return Decimal(digits).scaleb(place)
+            return Decimal(digits).scaleb(exponent)
     return None

@@ -149,8 +149,8 @@ def _scheduled(words: str) -> Command:
 
 
 def _seconds(match: re.Match[str]) -> float | None:
-    found = match.groupdict()
-    return None if found.get("time") is None else float(found["time"]) * _SECONDS[found["time_unit"]]
+    groups = match.groupdict()
+    return None if groups.get("time") is None else float(groups["time"]) * _SECONDS[groups["time_unit"]]
 
 
 def _nearest(words: str) -> str:

@@ -105,7 +105,7 @@ def free_loopback_address() -> str:
     CameraError
         If all are taken; the message says how to add one.
     """
-    addresses = [str(one.address.ip) for one in interfaces() if one.is_loopback]
+    addresses = [str(interface.address.ip) for interface in interfaces() if interface.is_loopback]
     for address in addresses:
         with suppress(CameraError):
             check_free(address)

@@ -133,7 +133,7 @@ class Misfortune:
         elif not self._closed:
             timer = threading.Timer(delay_s, run)
             timer.daemon = True
-            self._timers = [*(one for one in self._timers if one.is_alive()), timer]
+            self._timers = [*(running for running in self._timers if running.is_alive()), timer]
             timer.start()
 
     def begin(self, command: Command) -> None:

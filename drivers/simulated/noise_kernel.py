@@ -58,7 +58,7 @@ def draw_exposure(
     """
     full_well_e, top_dn = np.float32(limits[0]), np.float32(limits[1])
     noise_e, k, black = np.float32(read_noise_e), np.float32(k_dn_per_e), np.float32(black_level_dn)
-    added, sixth, one, least = np.float32(_ADDED_VARIANCE), np.float32(1 / 6), np.float32(1), np.float32(1e-9)
+    added, sixth, unity, least = np.float32(_ADDED_VARIANCE), np.float32(1 / 6), np.float32(1), np.float32(1e-9)
     height, width = mean_e.shape
     dn = np.empty((height, width), np.uint16)
     for row in range(height):
@@ -75,11 +75,11 @@ def draw_exposure(
                 electrons = np.float32(0)
                 while uniform >= probability and probability > least:
                     uniform -= probability
-                    electrons += one
+                    electrons += unity
                     probability *= mean / electrons
             else:
                 z = quantiles[bits >> np.uint64(48)]
-                electrons = np.rint(mean + np.sqrt(mean - added) * z + (z * z - one) * sixth)
+                electrons = np.rint(mean + np.sqrt(mean - added) * z + (z * z - unity) * sixth)
             electrons = min(max(electrons, np.float32(0)), full_well_e)
             signal_e = electrons + noise_e * quantiles[bits & np.uint64(0xFFFF)] + offset_e[row, column]
             dn[row, column] = np.uint16(min(max(np.rint(signal_e * k + black), np.float32(0)), top_dn))

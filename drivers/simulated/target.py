@@ -205,10 +205,10 @@ class SimulatedTarget:
 
 
 def _refuse_overlap(bounds: dict[str, tuple[float, float, float, float]]) -> None:
-    for (one, (ax0, ay0, ax1, ay1)), (other, (bx0, by0, bx1, by1)) in combinations(bounds.items(), 2):
+    for (name, (ax0, ay0, ax1, ay1)), (other, (bx0, by0, bx1, by1)) in combinations(bounds.items(), 2):
         if ceil(ax1) > floor(bx0) and ceil(bx1) > floor(ax0) and ceil(ay1) > floor(by0) and ceil(by1) > floor(ay0):
             raise ConfigurationError(
-                f"patches {one!r} and {other!r} overlap, so the simulated target cannot show both: move one, or say "
+                f"patches {name!r} and {other!r} overlap, so the simulated target cannot show both: move one, or say "
                 'presentation = "one by one"'
             )
 

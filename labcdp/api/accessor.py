@@ -107,11 +107,11 @@ class LabcdpAccessor:
         result = xr.Dataset(coords={name: self._dataset[name] for name in others}, attrs={"axis": axis, "level": level})
         unit = str(self._dataset[axis].attrs.get("unit", "")) if axis else ""
         units = {"low": unit, "high": unit, "range_db": "dB"}
-        rows = [_widest(one) for one in ranges]
+        rows = [_widest(usable) for usable in ranges]
         for number, name in enumerate(("low", "high", "decades", "range_db", "intervals", "open_low", "open_high")):
             values = xr.DataArray(np.full(shape, np.nan), result.coords, others)
-            for one, row in zip(ranges, rows, strict=True):
-                values.loc[{other: one.at[other] for other in others}] = row[number]
+            for usable, row in zip(ranges, rows, strict=True):
+                values.loc[{other: usable.at[other] for other in others}] = row[number]
             typed = values.astype(int if name == "intervals" else bool if "open" in name else float)
             result[name] = typed.assign_attrs(units=units.get(name, "1"))
         return result
@@ -136,8 +136,8 @@ class LabcdpAccessor:
             If the dataset has not two such axes, or no such variable.
         """
         if x is None or y is None:
-            found = self.analysis()
-            x, y = x or found.x, y or found.y
+            analysis = self.analysis()
+            x, y = x or analysis.x, y or analysis.y
         axes, lines = (as_text(x, "x"), as_text(y, "y")), as_list(levels, "levels", "a list")
         return isolines(CdpMap.of(self._dataset), *axes, lines, as_text(variable, "variable"))
 
@@ -169,7 +169,7 @@ class LabcdpAccessor:
         for name, values in flat.data_vars.items():
             sides = dataset["side"].values if "side" in values.dims else ()
             columns |= {f"{name}_{side}": values.sel(side=side, drop=True) for side in sides} or {str(name): values}
-        table = xr.Dataset({name: one for name, one in columns.items() if set(one.dims) <= set(rows)})
+        table = xr.Dataset({name: column for name, column in columns.items() if set(column.dims) <= set(rows)})
         return table.to_dataframe(dim_order=rows)
 
     def plot(self, level: float = 0.9) -> Figure:
@@ -233,10 +233,10 @@ class LabcdpAccessor:
         return file
 
 
-def _widest(one: UsableRange) -> tuple[float, ...]:
+def _widest(usable: UsableRange) -> tuple[float, ...]:
     """Return the ends of the widest interval, decades, dB, number of intervals and open ends."""
-    widest = one.widest
+    widest = usable.widest
     if widest is None:
         return (np.nan, np.nan, np.nan, np.nan, 0, 0, 0)
     numbers = (widest.low, widest.high, widest.decades, widest.range_db)
-    return (*numbers, len(one.intervals), *(end.is_open for end in widest.ends))
+    return (*numbers, len(usable.intervals), *(end.is_open for end in widest.ends))

@@ -68,19 +68,19 @@ def as_list(value: Any, name: str, what: str) -> list[Any]:
 
 def as_names(value: Any, name: str) -> list[str]:
     """Return names of patches; raises InputError for anything else."""
-    return [as_text(one, name) for one in as_list(value, name, "a list of names of patches")]
+    return [as_text(item, name) for item in as_list(value, name, "a list of names of patches")]
 
 
 def as_pair_names(pairs: Any, what: str) -> list[tuple[str, str]]:
     """Return pairs of names, of one pair or of several; raises InputError for anything else."""
     listed = as_list(pairs, "pairs", f"pairs of names of {what}, the brighter one first")
-    found = []
-    for one in [listed] if len(listed) == 2 and all(isinstance(name, str) for name in listed) else listed:
-        names = one if isinstance(one, list | tuple) else ()
+    names_of_pairs = []
+    for pair in [listed] if len(listed) == 2 and all(isinstance(name, str) for name in listed) else listed:
+        names = pair if isinstance(pair, list | tuple) else ()
         if len(names) != 2 or not all(isinstance(name, str) for name in names):
-            raise InputError(f"pairs has {shown(one)}: give two names of {what}, the brighter one first")
-        found.append((names[0], names[1]))
-    return found
+            raise InputError(f"pairs has {shown(pair)}: give two names of {what}, the brighter one first")
+        names_of_pairs.append((names[0], names[1]))
+    return names_of_pairs
 
 
 def as_rois(regions: Regions, size: tuple[int, int]) -> tuple[Roi, ...]:
@@ -113,7 +113,7 @@ def as_pairs(rois: tuple[Roi, ...], pairs: Pairs | None) -> tuple[tuple[str, str
 
 
 @dataclass(frozen=True)
-class Asked:
+class ContrastRequest:
     """Contrasts to be detected.
 
     Parameters
@@ -131,22 +131,22 @@ class Asked:
     epsilon: Epsilon
 
     @property
-    def one_or_all(self) -> TargetContrasts:
+    def targets(self) -> TargetContrasts:
         """The values, those of one number as that."""
         return self.values[0] if self.scalar and self.values else self.values
 
 
-def as_contrasts(contrasts: Contrasts | None, tolerance: Tolerance) -> Asked:
+def as_contrasts(contrasts: Contrasts | None, tolerance: Tolerance) -> ContrastRequest:
     """Return the target contrasts with their tolerance; raises InputError."""
     # Without contrasts the tolerance is checked as with any.
     values, epsilon, shape = target_contrasts(1.0 if contrasts is None else contrasts, tolerance, "weber")
     if contrasts is None:
-        return Asked(None, False, epsilon)
+        return ContrastRequest(None, False, epsilon)
     if len(shape) > 1 or not values:
         raise InputError(f"contrasts have the shape {shape}: give a number, or a list of at least one")
     if len(set(values)) < len(values):
         raise InputError("a contrast is given twice: give each once")
-    return Asked(tuple(values), shape == (), epsilon)
+    return ContrastRequest(tuple(values), shape == (), epsilon)
 
 
 def _shapes(regions: Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]) -> list[Shape]:
@@ -155,10 +155,10 @@ def _shapes(regions: Roi | Iterable[Roi | Shape] | Mapping[str, ArrayLike]) -> l
     if not isinstance(regions, Roi | Iterable):
         raise InputError(f"regions is {shown(regions)}: {_HOW}")
     listed: list[Any] = [regions] if isinstance(regions, Roi) else list(regions)
-    for one in listed:
-        if not isinstance(one, Roi | Shape):
-            raise InputError(f"regions has {shown(one)}: {_HOW}")
-    return [PolygonShape(one.name, one.corners) if isinstance(one, Roi) else one for one in listed]
+    for shape in listed:
+        if not isinstance(shape, Roi | Shape):
+            raise InputError(f"regions has {shown(shape)}: {_HOW}")
+    return [PolygonShape(shape.name, shape.corners) if isinstance(shape, Roi) else shape for shape in listed]
 
 
 def _named(name: str, value: Any) -> PolygonShape:

@@ -72,8 +72,8 @@ class Chain(_Chain):
             If a parameter is unknown, a value out of range, or the chain cannot be predicted.
         """
         over = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items())
-        asked = as_contrasts(contrast, epsilon).one_or_all
-        wanted = Sweep(self, over, exact, stage, asked, as_number(epsilon, "epsilon"), seed)
+        target = as_contrasts(contrast, epsilon).targets
+        wanted = Sweep(self, over, exact, stage, target, as_number(epsilon, "epsilon"), seed)
         return run_sweep(wanted, None if folder is None else as_path(folder, "folder"), progress)
 
     def with_emva1288(self, path: PathArgument) -> Self:

@@ -77,21 +77,21 @@ def compare(
     >>> labcdp.compare(first, second, scene__luminance_cd_m2=[1.0, 10.0], contrast=1.0).to_dataset()["value"].dims
     ('subject', 'scene.luminance_cd_m2')
     """
-    sources = [one.calibration if isinstance(one, CalibratedSession) else one for one in subjects]
+    sources = [subject.calibration if isinstance(subject, CalibratedSession) else subject for subject in subjects]
     epsilon = as_number(epsilon, "epsilon")
     if regions is not None:
         return Comparison(compare_subjects(sources, _of_pictures(regions, contrast, epsilon, **options), progress))
     if requirement is not None:
-        if contrast is not None or epsilon != 0.5 or any(np.ndim(one) for one in options.values()):
+        if contrast is not None or epsilon != 0.5 or any(np.ndim(value) for value in options.values()):
             raise InputError("a requirement has its own contrast, tolerance and luminances: leave out those given")
         if not isinstance(requirement, Requirement):
             requirement = Requirement.load(as_path(requirement, "requirement"))
         changes = {name if "." in name else name.replace("__", "."): value for name, value in options.items()}
         return Comparison(compare_subjects(sources, Question.by(requirement, changes), progress))
     varied = tuple(Axis(name if "." in name else name.replace("__", "."), values) for name, values in options.items())
-    asked = contrast is not None or epsilon != 0.5 or varied
-    one_or_all = as_contrasts(contrast, epsilon).one_or_all
-    question = Question(varied or (LUMINANCES,), None, one_or_all, epsilon) if asked else None
+    with_question = contrast is not None or epsilon != 0.5 or varied
+    targets = as_contrasts(contrast, epsilon).targets
+    question = Question(varied or (LUMINANCES,), None, targets, epsilon) if with_question else None
     return Comparison(compare_subjects(sources, question, progress))
 
 
@@ -109,7 +109,7 @@ def _of_pictures(
     return picture_settings(
         as_path(regions, "regions"),
         converter_of(calibration, camera_spec, encoding, stated, Stated),
-        tuple(InputFile.of(role, Path(one)) for role, one in files.items() if isinstance(one, str | PathLike)),
+        tuple(InputFile.of(role, Path(path)) for role, path in files.items() if isinstance(path, str | PathLike)),
         as_contrasts(contrast, epsilon).values,
         epsilon,
     )
@@ -138,7 +138,7 @@ class Comparison:
     @property
     def answer(self) -> str:
         """What differs, in a sentence or two."""
-        return "; ".join(finding_text(one) for one in answer(self.comparison))
+        return "; ".join(finding_text(finding) for finding in answer(self.comparison))
 
     @property
     def judged(self) -> tuple[Judged, ...]:
@@ -159,10 +159,13 @@ class Comparison:
                 variable.attrs.pop("units", None)
             return dataset
         dims = ["subject", *(axis.name for axis in grid.axes)]
-        values = np.stack([np.asarray(one.value) for one in grid.values])
+        values = np.stack([np.asarray(array.value) for array in grid.values])
         unknown = np.full_like(values[:1], np.nan)
         data = {
-            name: (dims, np.concatenate([unknown, *(getattr(one, part)[None] for one in grid.differences)]))
+            name: (
+                dims,
+                np.concatenate([unknown, *(getattr(difference, part)[None] for difference in grid.differences)]),
+            )
             for name, part in (("difference", "value"), ("difference_low", "low"), ("difference_high", "high"))
         }
         coordinates: dict[str, Any] = {"subject": [subject.name for subject in self.comparison.subjects]}

@@ -25,11 +25,11 @@ def draw_pairs(dataset: xr.Dataset) -> Figure:
     others = [str(name) for name in sizes if name != along]
     figure = Figure(figsize=(7, 4), layout="constrained")
     axes = figure.subplots()
-    for place in product(*(range(sizes[name]) for name in others)):
-        one = dataset.isel(dict(zip(others, place, strict=True)))
-        values, low, high = (one[name].values.ravel() for name in ("cdp", "cdp_low", "cdp_high"))
-        x = one[along].values if along in one.coords else range(values.size)
-        named = (f"{float(one[name]):.4g}" if name == "contrast" else str(one[name].values) for name in others)
+    for position in product(*(range(sizes[name]) for name in others)):
+        pair = dataset.isel(dict(zip(others, position, strict=True)))
+        values, low, high = (pair[name].values.ravel() for name in ("cdp", "cdp_low", "cdp_high"))
+        x = pair[along].values if along in pair.coords else range(values.size)
+        named = (f"{float(pair[name]):.4g}" if name == "contrast" else str(pair[name].values) for name in others)
         line = "none" if along == "pair" else "-"
         # A bound may be the value itself, but for rounding.
         errors = [(values - low).clip(0), (high - values).clip(0)]

@@ -67,17 +67,19 @@ class ImageRegions:
         InputError
             If an argument cannot be used, or regions overlap or hold no light.
         """
-        asked = as_contrasts(contrasts, epsilon)
+        request = as_contrasts(contrasts, epsilon)
         rois = {roi.name: roi for roi in self.rois}
-        found = [evaluate_pair(self.luminance, rois[a], rois[b], asked.values, asked.epsilon) for a, b in self.pairs]
-        data = pair_variables(found, self.unit) | cdp_variables(
-            ("pair", "contrast"), [list(pair.cdp) or (None,) for pair in found]
+        pairs = [
+            evaluate_pair(self.luminance, rois[a], rois[b], request.values, request.epsilon) for a, b in self.pairs
+        ]
+        data = pair_variables(pairs, self.unit) | cdp_variables(
+            ("pair", "contrast"), [list(pair.cdp) or (None,) for pair in pairs]
         )
-        coordinates = {"pair": [pair.name for pair in found], "side": ["bright", "dark"], "region": data.pop("region")}
-        regions = [(pair.bright_region.roi, pair.dark_region.roi) for pair in found]
-        attributes = self.attributes(asked.epsilon, [one for pair in found for one in pair.findings], regions)
-        measured = ("pair", [pair.contrast.value for pair in found])
-        return described(at_contrasts(Dataset(data, coordinates, attributes), asked, measured))
+        coordinates = {"pair": [pair.name for pair in pairs], "side": ["bright", "dark"], "region": data.pop("region")}
+        regions = [(pair.bright_region.roi, pair.dark_region.roi) for pair in pairs]
+        attributes = self.attributes(request.epsilon, [finding for pair in pairs for finding in pair.findings], regions)
+        measured = ("pair", [pair.contrast.value for pair in pairs])
+        return described(at_contrasts(Dataset(data, coordinates, attributes), request, measured))
 
     def __repr__(self) -> str:
         return f"<labcdp.ImageRegions of {self.name}: regions: {len(self.rois)}, pairs: {len(self.pairs)}>"

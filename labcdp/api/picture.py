@@ -244,16 +244,16 @@ class Image:
         InputError
             If an argument cannot be used.
         """
-        asked = as_contrasts(contrasts, epsilon)
+        request = as_contrasts(contrasts, epsilon)
         corners = None if rectangle is None else as_list(rectangle, "rectangle", "x0, y0, x1, y1")
         if corners is not None and len(corners) != 4:
             raise InputError(f"rectangle is {shown(rectangle)}: give x0, y0, x1, y1")
-        found = evaluate_neighbours(
-            self.luminance, asked.values, asked.epsilon, None if corners is None else tuple(corners)
+        measured = evaluate_neighbours(
+            self.luminance, request.values, request.epsilon, None if corners is None else tuple(corners)
         )
-        data = cdp_variables(("contrast",), list(found.cdp) or (None,))
-        dataset = Dataset(data, attrs=self.attributes(asked.epsilon, found.findings))
-        return described(at_contrasts(dataset, asked, found.contrast.value))
+        data = cdp_variables(("contrast",), list(measured.cdp) or (None,))
+        dataset = Dataset(data, attrs=self.attributes(request.epsilon, measured.findings))
+        return described(at_contrasts(dataset, request, measured.contrast.value))
 
     def to_dataset(self) -> Dataset:
         """Return luminance, its standard uncertainty and flags over y and x."""
@@ -281,15 +281,15 @@ class Image:
         height, width = self.shape
         rows = [("pixels", f"{width} x {height}"), ("unit", self.unit), ("conversion", self.converter.description)]
         return html_table(
-            ("", ""), [*rows, *((one.severity, finding_text(one)) for one in self.findings)], self.path.name
+            ("", ""), [*rows, *((finding.severity, finding_text(finding)) for finding in self.findings)], self.path.name
         )
 
     def attributes(
         self, epsilon: Epsilon | None, findings: Sequence[Finding] = (), pairs: Sequence[tuple[Roi, Roi]] = ()
     ) -> dict[str, Any]:
         """Return the attributes of a dataset of this picture."""
-        own = self.converter.with_pairs(self.findings, self.picture, self.luminance, pairs)
-        found = unique([*own, *findings])
+        frame_findings = self.converter.with_pairs(self.findings, self.picture, self.luminance, pairs)
+        all_findings = unique([*frame_findings, *findings])
         return {
             "title": "contrast detection probability of a picture" if epsilon is not None else "luminance of a picture",
             "file": str(self.path),
@@ -297,6 +297,6 @@ class Image:
             "unit": self.unit,
             "conversion": self.converter.description,
             **({} if epsilon is None else {"epsilon": epsilon if isinstance(epsilon, int | float) else str(epsilon)}),
-            **noted(found),
+            **noted(all_findings),
             "labcdp_version": version("labcdp"),
         }

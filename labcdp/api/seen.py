@@ -24,11 +24,13 @@ def seen_in(dataset: Dataset, requirement: Requirement) -> Iterator[SeenContrast
     """
     if "pair" not in dataset.dims or "cdp" not in dataset:
         raise InputError("the dataset has no CDP of pairs of regions: give one of pictures, videos or sessions")
-    found = _at_contrast(dataset, requirement)
-    epsilon = found["epsilon"].values if "epsilon" in found else np.array(found.attrs.get("epsilon"), dtype=object)
-    if any(one != requirement.epsilon for one in epsilon.ravel().tolist()):
+    selected = _at_contrast(dataset, requirement)
+    epsilon = (
+        selected["epsilon"].values if "epsilon" in selected else np.array(selected.attrs.get("epsilon"), dtype=object)
+    )
+    if any(tolerance != requirement.epsilon for tolerance in epsilon.ravel().tolist()):
         raise InputError(f"the tolerance of the dataset is not {requirement.epsilon:g}: evaluate with that")
-    rows = found if "frame" in found.dims else found.expand_dims(frame=[-1])
+    rows = selected if "frame" in selected.dims else selected.expand_dims(frame=[-1])
     for frame in rows["frame"].values.tolist():
         for name in rows["pair"].values.tolist():
             yield _of_pair(rows.sel(frame=frame, pair=name), str(name), "" if frame < 0 else f"frame {frame}")
@@ -43,14 +45,14 @@ def _at_contrast(dataset: Dataset, requirement: Requirement) -> Dataset:
     return dataset.isel(contrast=int(at[0])) if "contrast" in dataset.dims else dataset
 
 
-def _of_pair(one: Dataset, name: str, where: str) -> SeenContrast:
+def _of_pair(pair: Dataset, name: str, where: str) -> SeenContrast:
     """Return a pair, with the luminance of its darker region or patch."""
-    means = one["mean"].values if "mean" in one else one["camera_luminance"].sel(patch=one["region"].values).values
-    known = one.attrs.get("unit") == "cd/m^2" and bool(np.isfinite(means).any())
-    saturated = "saturated" in one and bool((one["saturated"].values > SATURATED_SHARE).any())
-    measured = float(one["measured_contrast"]) if "measured_contrast" in one else nan
-    cdp, low, high = (float(one[key]) for key in ("cdp", "cdp_low", "cdp_high"))
-    scene = float(one["meter_contrast"]) if "meter_contrast" in one else None
+    means = pair["mean"].values if "mean" in pair else pair["camera_luminance"].sel(patch=pair["region"].values).values
+    known = pair.attrs.get("unit") == "cd/m^2" and bool(np.isfinite(means).any())
+    saturated = "saturated" in pair and bool((pair["saturated"].values > SATURATED_SHARE).any())
+    measured = float(pair["measured_contrast"]) if "measured_contrast" in pair else nan
+    cdp, low, high = (float(pair[key]) for key in ("cdp", "cdp_low", "cdp_high"))
+    scene = float(pair["meter_contrast"]) if "meter_contrast" in pair else None
     return SeenContrast(
         name, where, float(np.nanmin(means)) if known else None, measured, saturated, cdp, (low, high), scene
     )

@@ -65,7 +65,10 @@ class Session(_Session):
         InputError
             If an argument cannot be used.
         """
-        others = [one if isinstance(one, _Session) else Session.open(as_path(one, "a session")) for one in more]
+        others = [
+            session if isinstance(session, _Session) else Session.open(as_path(session, "a session"))
+            for session in more
+        ]
         if response not in (None, "debevec"):
             raise InputError(f"response is {response!r}: give 'debevec' or None")
         uniform = None
@@ -142,7 +145,7 @@ class Session(_Session):
     def _repr_html_(self) -> str:
         """Table for notebooks."""
         configuration = self.configuration
-        rows = [("contrast", f"{one.bright} / {one.dark}, {one.contrast:g}") for one in configuration.contrasts]
+        rows = [("contrast", f"{pair.bright} / {pair.dark}, {pair.contrast:g}") for pair in configuration.contrasts]
         patches = ", ".join(patch.name for patch in configuration.target.patches)
         return html_table(("", ""), [("folder", str(self.path)), ("patches", patches), *rows], configuration.name)
 

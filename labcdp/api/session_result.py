@@ -23,8 +23,8 @@ _COLUMNS = {column.name: column for column in (*LUMINANCES, *CONTRASTS)}
 
 def _variable(name: str, column: str, label: str = "") -> Column:
     """Return a column of the tables as a variable of a dataset, where labels say of what it is."""
-    found = _COLUMNS[column]
-    return replace(found, name=name, label=label or found.label, value=found.value or found.name)
+    template = _COLUMNS[column]
+    return replace(template, name=name, label=label or template.label, value=template.value or template.name)
 
 
 _INTERVAL = "interval_95_cd_m2"
@@ -74,20 +74,20 @@ class SessionResult:
 
     def to_dataset(self) -> Dataset:
         """Return a dataset: luminances over patch; CDP over pair and contrast, nan where not requested."""
-        found = self.evaluation
-        pairs = list(dict.fromkeys((row.asked.bright, row.asked.dark) for row in found.contrasts))
-        contrasts = sorted({row.cdp.contrast for row in found.contrasts})
+        evaluation = self.evaluation
+        pairs = list(dict.fromkeys((row.asked.bright, row.asked.dark) for row in evaluation.contrasts))
+        contrasts = sorted({row.cdp.contrast for row in evaluation.contrasts})
         table: list[list[Any]] = [[None for _ in contrasts] for _ in pairs]
-        for row in found.contrasts:
+        for row in evaluation.contrasts:
             table[pairs.index((row.asked.bright, row.asked.dark))][contrasts.index(row.cdp.contrast)] = row
         data = {
-            **variables_of(_OF_PATCH, ("patch",), found.patches),
+            **variables_of(_OF_PATCH, ("patch",), evaluation.patches),
             **cdp_variables(("pair", "contrast"), [[row and row.cdp for row in rows] for rows in table]),
             **variables_of([_variable("epsilon", "epsilon")], ("pair", "contrast"), table),
             **variables_of(_OF_PAIR, ("pair",), [[row for row in rows if row][-1] for rows in table]),
         }
         coordinates = {
-            "patch": [row.patch.name for row in found.patches],
+            "patch": [row.patch.name for row in evaluation.patches],
             "pair": [f"{bright} / {dark}" for bright, dark in pairs],
             "contrast": np.array(contrasts, dtype=float),
             "side": ["bright", "dark"],
@@ -96,22 +96,24 @@ class SessionResult:
         return described(Dataset(data, coordinates, self._attributes()))
 
     def _attributes(self) -> dict[str, Any]:
-        found = self.evaluation
+        evaluation = self.evaluation
         return {
             "title": "luminance and contrast detection probability of a session",
-            "session": found.observed.configuration.name,
-            "camera": str(found.calibration.state.camera),
+            "session": evaluation.observed.configuration.name,
+            "camera": str(evaluation.calibration.state.camera),
             "unit": "cd/m^2",
-            "simulated": ", ".join(found.simulated),
-            "input_sha256": found.observed.input_sha256,
+            "simulated": ", ".join(evaluation.simulated),
+            "input_sha256": evaluation.observed.input_sha256,
             "warnings": "\n".join(self.warnings),
             "labcdp_version": version("labcdp"),
         }
 
     def __repr__(self) -> str:
-        found = self.evaluation
-        name = found.observed.configuration.name
-        return f"<labcdp.SessionResult {name}: patches: {len(found.patches)}, contrasts: {len(found.contrasts)}>"
+        evaluation = self.evaluation
+        name = evaluation.observed.configuration.name
+        return (
+            f"<labcdp.SessionResult {name}: patches: {len(evaluation.patches)}, contrasts: {len(evaluation.contrasts)}>"
+        )
 
     def _repr_html_(self) -> str:
         """Table for notebooks."""

@@ -89,26 +89,30 @@ class TrackedRegions:
             If an argument cannot be used, or no frame could be evaluated. A pair that has no result, such as one with a
             region that cannot be followed, is left out with a warning as long as others have one.
         """
-        asked = as_contrasts(contrasts, epsilon)
+        request = as_contrasts(contrasts, epsilon)
         reference = plain_contrast(reference, "reference")
         if isinstance(reference, bool) or reference_by not in ("number", "time"):
             raise InputError("reference is a contrast, 'first' or a path; reference_by is 'number' or 'time'")
         if reference is not None and reference != "first" and not isinstance(reference, int | float):
             reference = as_path(reference, "reference")
         known: Any = float(reference) if isinstance(reference, int | float) else reference
-        targets = None if asked.values is None else tuple(asked.values)
-        common = VideoSettings(targets, epsilon=asked.epsilon, reference_by=reference_by, selection=self.selection)
+        targets = None if request.values is None else tuple(request.values)
+        common = VideoSettings(targets, epsilon=request.epsilon, reference_by=reference_by, selection=self.selection)
         settings = [self._of(pair, common, known) for pair in self.pairs]
         results = list(zip(self.pairs, self.evaluate(settings, progress), strict=True))
-        found = [_of_pair(one, asked.values is None) for _, one in results if not isinstance(one, LabcdpError)]
-        failed = [
-            error("pair-failed", " / ".join(pair), reason=str(one))
-            for pair, one in results
-            if isinstance(one, LabcdpError)
+        datasets = [
+            _of_pair(pair_result, request.values is None)
+            for _, pair_result in results
+            if not isinstance(pair_result, LabcdpError)
         ]
-        dataset = _joined(found)
-        dataset.attrs = _attributes([one.attrs for one in found], failed)
-        return described(dataset.isel(contrast=0) if asked.scalar else dataset, str(dataset.attrs["unit"]))
+        failed = [
+            error("pair-failed", " / ".join(pair), reason=str(pair_result))
+            for pair, pair_result in results
+            if isinstance(pair_result, LabcdpError)
+        ]
+        dataset = _joined(datasets)
+        dataset.attrs = _attributes([dataset.attrs for dataset in datasets], failed)
+        return described(dataset.isel(contrast=0) if request.scalar else dataset, str(dataset.attrs["unit"]))
 
     def __repr__(self) -> str:
         counts = f"regions: {len(self.rois)}, pairs: {len(self.pairs)}"
@@ -128,8 +132,8 @@ class TrackedRegions:
 
 def _joined(pairs: Sequence[Dataset]) -> Dataset:
     """Results of the pairs over their names."""
-    most = max(one.sizes["corner"] for one in pairs)
-    padded = [one.pad(corner=(0, most - one.sizes["corner"])) for one in pairs]
+    most = max(pair_data.sizes["corner"] for pair_data in pairs)
+    padded = [pair_data.pad(corner=(0, most - pair_data.sizes["corner"])) for pair_data in pairs]
     dataset = concat(
         padded, "pair", data_vars="all", coords="different", compat="equals", join="exact", combine_attrs="override"
     )
@@ -138,9 +142,9 @@ def _joined(pairs: Sequence[Dataset]) -> Dataset:
 
 def _attributes(attributes: Sequence[dict[str, Any]], failed: Sequence[Finding]) -> dict[str, Any]:
     """Attributes of the pairs together."""
-    found = unique([*failed, *(each for one in attributes for each in restored(json.loads(one["findings"])))])
+    merged = unique([*failed, *(each for attrs in attributes for each in restored(json.loads(attrs["findings"])))])
     kept = ("title", "file", "sha256", "method", "unit", "epsilon", "conversion")
-    return {**{name: attributes[0][name] for name in kept}, **noted(found), "labcdp_version": version("labcdp")}
+    return {**{name: attributes[0][name] for name in kept}, **noted(merged), "labcdp_version": version("labcdp")}
 
 
 def _of_pair(dataset: Dataset, measured: bool) -> Dataset:

@@ -13,7 +13,7 @@ from ..core.table import variables_of
 from ..evaluate.columns import CDP, CONTRAST, CSNR, SHARES, by_itself, invalid_share, region_columns
 from ..report.text import finding_text
 from . import accessor as accessor  # registers it
-from .arguments import Asked
+from .arguments import ContrastRequest
 
 #: What dimensions are, and other coordinates.
 _COORDINATES = {
@@ -28,10 +28,10 @@ _COORDINATES = {
 def described(dataset: Dataset, unit: str = "cd/m^2") -> Dataset:
     """Return the dataset with what its coordinates are, and a unit for each number; `unit` is that of luminances."""
     for name in dataset.variables:
-        one, attributes = dataset[name], dataset[name].attrs
+        variable, attributes = dataset[name], dataset[name].attrs
         if name in _COORDINATES:
             attributes["long_name"] = _COORDINATES[str(name)]
-        if one.dtype.kind in "iufb" and name != "frame":
+        if variable.dtype.kind in "iufb" and name != "frame":
             attributes.setdefault("units", unit if name in ("mean", "u_mean") else "1")
     return dataset
 
@@ -51,17 +51,17 @@ def pair_variables(pairs: Sequence[Any], unit: str) -> dict[str, Any]:
     }
 
 
-def at_contrasts(dataset: Dataset, asked: Asked, measured: Any) -> Dataset:
+def at_contrasts(dataset: Dataset, request: ContrastRequest, measured: Any) -> Dataset:
     """Return the dataset with its contrasts: those asked for, a number without a dimension, or the measured ones."""
-    if asked.values is None:
+    if request.values is None:
         return dataset.isel(contrast=0).assign_coords(contrast=measured)
-    dataset = dataset.assign_coords(contrast=np.array(asked.values))
-    return dataset.isel(contrast=0) if asked.scalar else dataset
+    dataset = dataset.assign_coords(contrast=np.array(request.values))
+    return dataset.isel(contrast=0) if request.scalar else dataset
 
 
 def noted(findings: Sequence[Finding]) -> dict[str, str]:
     """Return findings as attributes of a dataset."""
     return {
-        "notes": "\n".join(finding_text(one) for one in findings if one.severity == "info"),
-        "warnings": "\n".join(finding_text(one) for one in findings if one.severity != "info"),
+        "notes": "\n".join(finding_text(finding) for finding in findings if finding.severity == "info"),
+        "warnings": "\n".join(finding_text(finding) for finding in findings if finding.severity != "info"),
     }

@@ -185,14 +185,14 @@ class Video:
         xarray.Dataset
             Over frame and contrast; without the latter for a number.
         """
-        asked = as_contrasts(contrasts, epsilon)
-        if asked.values is None:
+        request = as_contrasts(contrasts, epsilon)
+        if request.values is None:
             raise InputError("contrasts is None: give a number, or a list, as fractions")
-        settings = VideoSettings(asked.values, epsilon=asked.epsilon, selection=_selection(start, stop, every))
+        settings = VideoSettings(request.values, epsilon=request.epsilon, selection=_selection(start, stop, every))
         (dataset,) = self.evaluate([settings], progress)
         assert not isinstance(dataset, LabcdpError)
         dataset = described(dataset, dataset.attrs["unit"])
-        return dataset.isel(contrast=0) if asked.scalar else dataset
+        return dataset.isel(contrast=0) if request.scalar else dataset
 
     def evaluate(
         self, settings: Sequence[VideoSettings], progress: Progress | None = None
@@ -214,9 +214,9 @@ class Video:
                 "camera": self.camera_spec,
                 **self.stated,
             }
-            results = evaluate_parts(self.path, [replace(one, **light) for one in settings], progress=progress)
-        if all(isinstance(one, LabcdpError) for one in results):
-            raise next(one for one in results if isinstance(one, LabcdpError))
+            results = evaluate_parts(self.path, [replace(setting, **light) for setting in settings], progress=progress)
+        if all(isinstance(part, LabcdpError) for part in results):
+            raise next(part for part in results if isinstance(part, LabcdpError))
         return results
 
     def __repr__(self) -> str:

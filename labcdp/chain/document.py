@@ -101,16 +101,16 @@ def changed(document: dict[str, Any], values: _Table) -> dict[str, Any]:
     for name, given in values.items():
         path, value = name if "." in name else name.replace("__", "."), _plain(given)
         table, _, key = path.partition(".")
-        own = key.rpartition(".")[2]
-        if table in ("scene", "sensor") and own in _SIZE and own in document["scene"]:
-            if sizes.setdefault(own, value) != value:
-                raise ConfigurationError(f"{own} is {sizes[own]!r} and {value!r}: scene and sensor have one size")
-            path = f"scene.{own}"
-        for place, last in _places(document, path):
+        field = key.rpartition(".")[2]
+        if table in ("scene", "sensor") and field in _SIZE and field in document["scene"]:
+            if sizes.setdefault(field, value) != value:
+                raise ConfigurationError(f"{field} is {sizes[field]!r} and {value!r}: scene and sensor have one size")
+            path = f"scene.{field}"
+        for target, last in _places(document, path):
             # None means the default, as in a file that leaves the key out.
-            place.pop(last, None)
+            target.pop(last, None)
             if value is not None:
-                place[last] = value
+                target[last] = value
     return document
 
 
@@ -220,7 +220,7 @@ def _table(name: str, part: Any, folder: Path, *left_out: str) -> dict[str, Any]
 
 def _values(part: Any, folder: Path) -> dict[str, Any]:
     """Fields of a part; what TOML cannot hold, None and no tables at all, is left to the default."""
-    found = {}
+    values = {}
     for field in fields(part):
         value = getattr(part, field.name)
         if "path" in field.metadata and value.is_relative_to(folder):
@@ -230,8 +230,8 @@ def _values(part: Any, folder: Path) -> dict[str, Any]:
         elif "single" in field.metadata and len(value) == 1:
             value = value[0]
         if value is not None and not (isinstance(value, Mapping | list | tuple) and not value):
-            found[field.name] = _plain(value)
-    return found
+            values[field.name] = _plain(value)
+    return values
 
 
 def _plain(value: Any) -> Any:

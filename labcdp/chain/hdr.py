@@ -125,8 +125,8 @@ def merge_dn(method: Method, bits: int, exposures_dn: Sequence[NDArray[Any]], la
     if method == "normal":
         chosen: NDArray[Any] = np.zeros((), np.int64)
         for i in reversed(range(len(ladder))):
-            own, taken = normal_stage(exposures_dn[i], i, bits, ladder)
-            chosen = np.where(taken, own, chosen)
+            stage_dn, taken = normal_stage(exposures_dn[i], i, bits, ladder)
+            chosen = np.where(taken, stage_dn, chosen)
         return chosen
     stage = weighted_stage if method == "weighted" else linear_stage
     merged = mix(method, [stage(dn, i, ladder) for i, dn in enumerate(exposures_dn)], ladder)

@@ -33,8 +33,8 @@ _KINDS: dict[str, tuple[Any, str]] = {
 def _named_parts(key: str, value: Any, kind: Any, what: str) -> tuple[tuple[str, Any], ...]:
     """Return parts with their names as tuples, from any list of pairs."""
     if not isinstance(value, list | tuple) or not all(
-        isinstance(one, list | tuple) and len(one) == 2 and isinstance(one[0], str) and isinstance(one[1], kind)
-        for one in value
+        isinstance(pair, list | tuple) and len(pair) == 2 and isinstance(pair[0], str) and isinstance(pair[1], kind)
+        for pair in value
     ):
         raise InputError(f"{key} is {shown(value)}: give a list of pairs of a name and a {what}", key=key)
     return tuple((name, part) for name, part in value)
@@ -255,15 +255,18 @@ class ChainParts:
     def stage_names(self) -> tuple[str, ...]:
         """Names of the signals of a run, in order."""
         front = ("scene", *(name for name, _ in self.before))
-        return (*front, *(self.of_sensor(name, own) for own, _ in self.sensors for name in self.recorded_names))
+        return (
+            *front,
+            *(self.of_sensor(name, sensor_name) for sensor_name, _ in self.sensors for name in self.recorded_names),
+        )
 
     @property
     def captures(self) -> dict[str, str]:
         """The sensor in the words of a run, by the name of each of its exposures."""
         n = 0 if self.settings is None else len(self.settings.exposure_s)
         return {
-            self.of_sensor(name, own): self.of_sensor("sensor", own)
-            for own, _ in self.sensors
+            self.of_sensor(name, sensor_name): self.of_sensor("sensor", sensor_name)
+            for sensor_name, _ in self.sensors
             for name in self.recorded_names[:n]
         }
 
@@ -272,7 +275,10 @@ class ChainParts:
         """Names of the signals on the way to the last one of each sensor, by its name; "" without a sensor."""
         front = ("scene", *(name for name, _ in self.before))
         recorded = self.recorded_names
-        branches = {own: (*front, *[self.of_sensor(name, own) for name in recorded]) for own, _ in self.sensors}
+        branches = {
+            sensor_name: (*front, *[self.of_sensor(name, sensor_name) for name in recorded])
+            for sensor_name, _ in self.sensors
+        }
         return branches or {"": front}
 
     @property

@@ -63,8 +63,8 @@ def class_of(table: str, type_name: str | None) -> type:
     if _unknown(table, type_name):
         _load_entry_points(_unknown(table, type_name))
     if problem := _unknown(table, type_name):
-        asked, known = (type_name, _CLASSES[table]) if table in _CLASSES else (table, [*_CLASSES, *_TEXTS])
-        raise ConfigurationError(f"{problem}: {suggestion(asked, known, 'give one of')}")
+        name, known = (type_name, _CLASSES[table]) if table in _CLASSES else (table, [*_CLASSES, *_TEXTS])
+        raise ConfigurationError(f"{problem}: {suggestion(name, known, 'give one of')}")
     types = _CLASSES[table]
     if type_name is None and table == "scene":
         raise ConfigurationError(f"{table}.type is missing: give one of {', '.join(types)}")

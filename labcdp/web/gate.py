@@ -88,10 +88,10 @@ class Gate:
 
     def _of_cookies(self, header: str) -> str:
         try:
-            found = SimpleCookie(header).get(self.cookie)
+            cookie = SimpleCookie(header).get(self.cookie)
         except CookieError:
             return ""
-        return found.value if found is not None else ""
+        return cookie.value if cookie is not None else ""
 
 
 def guard(application: Application, gate: Gate) -> None:

@@ -32,14 +32,14 @@ def table_row(head: str, cells: Sequence[Cell], attributes: str = "") -> str:
 
 def table(heads: Iterable[str], rows: Iterable[str], kind: str = "") -> str:
     """Return a table of rows."""
-    head = "".join(f"<th scope='col'>{text(one)}</th>" for one in heads)
+    head = "".join(f"<th scope='col'>{text(heading)}</th>" for heading in heads)
     return f"<table class='{kind}'><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
 def items(lines: Iterable[str]) -> str:
     """Return a list, empty for no lines."""
-    found = "".join(f"<li>{text(line)}</li>" for line in lines)
-    return f"<ul>{found}</ul>" if found else ""
+    entries = "".join(f"<li>{text(line)}</li>" for line in lines)
+    return f"<ul>{entries}</ul>" if entries else ""
 
 
 #: Width of the tabs beside the picture.

@@ -19,9 +19,9 @@ _WORDS = re.compile(r"\b(?:from|to|x|y)\b|[()=→]|cd/m[²2]|(?<=\d)\s*px\b", re
 def number(text: str, unit: str = "") -> float:
     """Read a number; raises InputError if it is none, or has another unit than that of its field."""
     given = text.strip().replace("\N{MINUS SIGN}", "-")
-    found = _NUMBER.match(given)
-    rest = given[found.end() :].strip() if found else given
-    value = float(found[0].replace(",", ".")) if found else float("nan")
+    match = _NUMBER.match(given)
+    rest = given[match.end() :].strip() if match else given
+    value = float(match[0].replace(",", ".")) if match else float("nan")
     if not isfinite(value) or rest not in ("", unit):
         wanted = f"a number in {unit}" if unit else "a number"
         raise InputError(f"{quoted(given)} is not {wanted}: write it like 2.5 or 2,5")
@@ -36,7 +36,7 @@ def number_list(text: str) -> tuple[float, ...]:
     InputError
         If something else is there.
     """
-    return tuple(number(one) for one in _parts(text))
+    return tuple(number(part) for part in _parts(text))
 
 
 def coordinates(text: str, n: int) -> tuple[float, ...]:
@@ -52,7 +52,7 @@ def coordinates(text: str, n: int) -> tuple[float, ...]:
     plain = _WORDS.sub(" ", text)
     for parts in (_parts(plain), _parts(plain.replace(",", " "))):
         if len(parts) == n:
-            return tuple(number(one) for one in parts)
+            return tuple(number(part) for part in parts)
     raise InputError(f"{quoted(text.strip())} is not {n} numbers: write them like {', '.join(_EXAMPLES[:n])}")
 
 
@@ -61,10 +61,10 @@ _EXAMPLES = ("100", "200", "300", "400")
 
 def parted(text: str) -> list[str]:
     """Return the parts of a list: a comma between two digits is that of a decimal, which is written as a point."""
-    return [re.sub(r"(?<=[0-9]),(?=[0-9])", ".", one) for one in _parts(text)]
+    return [re.sub(r"(?<=[0-9]),(?=[0-9])", ".", part) for part in _parts(text)]
 
 
 def _parts(text: str) -> Sequence[str]:
-    tokens = (one for one in _PARTING.split(text) if one)
+    tokens = (token for token in _PARTING.split(text) if token)
     # Several commas in a row are no decimals.
-    return [part for one in tokens for part in (one.split(",") if one.count(",") > 1 else [one])]
+    return [part for token in tokens for part in (token.split(",") if token.count(",") > 1 else [token])]

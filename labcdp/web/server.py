@@ -57,10 +57,10 @@ class Address:
     @property
     def url(self) -> str:
         """Address to open, with the token."""
-        return f"{self.place}/?{TOKEN}={self.token}"
+        return f"{self.url_without_token}/?{TOKEN}={self.token}"
 
     @property
-    def place(self) -> str:
+    def url_without_token(self) -> str:
         """Address without the token."""
         return f"http://{self._visible}:{self.port}"
 
@@ -205,8 +205,8 @@ class Server:
 
         def run() -> None:
             try:
-                for found in steps:
-                    self.call(partial(then, found))
+                for step_result in steps:
+                    self.call(partial(then, step_result))
             except Exception as error:
                 # An internal error must not leave the page waiting for results.
                 _log.exception("background work failed")

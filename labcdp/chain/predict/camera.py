@@ -121,13 +121,13 @@ class CameraModel:
         from scipy.sparse import csr_array
         from scipy.special import ndtr
 
-        place = np.flatnonzero(occurs)
-        count, states = np.minimum(place, self.full_well_e), ceil(self.full_well_e)
+        index = np.flatnonzero(occurs)
+        count, states = np.minimum(index, self.full_well_e), ceil(self.full_well_e)
         bits, black_dn, k_dn_per_e = self.sensor.bits, self.sensor.black_level_dn, self.k_dn_per_e
         top = 2**bits - 1
         if noise_e == 0:
             dn = digitise((count + offset_e).astype(np.float32), k_dn_per_e, black_dn, bits)
-            return csr_array((np.ones(count.size), (place, dn)), shape=(states + 1, top + 1))
+            return csr_array((np.ones(count.size), (index, dn)), shape=(states + 1, top + 1))
         centre_dn = k_dn_per_e * (count + offset_e) + black_dn
         noise_dn = k_dn_per_e * noise_e
         width = min(2 * ceil(_REACH * noise_dn) + 2, top + 1)
@@ -137,7 +137,7 @@ class CameraModel:
         edges[edges > top] = np.inf
         share = np.diff(ndtr((edges - centre_dn[:, None]) / noise_dn), axis=1)
         column = (first[:, None] + np.arange(width)).astype(np.int32)
-        starts = np.searchsorted(place, np.arange(states + 2)) * width
+        starts = np.searchsorted(index, np.arange(states + 2)) * width
         return csr_array((share.ravel(), column.ravel(), starts), shape=(states + 1, top + 1))
 
     @property

@@ -114,28 +114,29 @@ def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ..
     if electrons_s == 0:
         return ()
     count = len(camera.exposures_s)
-    found = []
-    for place, time in enumerate(camera.exposures_s[:-1]):
+    luminances = []
+    for index, time in enumerate(camera.exposures_s[:-1]):
         net_dn = camera.ladder.saturation_dn
         if chain.hdr.method == "normal":
-            net_dn = min(net_dn, 2 ** (chain.hdr.bits / count * (place + 1)) * time / camera.exposures_s[0])
+            net_dn = min(net_dn, 2 ** (chain.hdr.bits / count * (index + 1)) * time / camera.exposures_s[0])
         rate = net_dn / camera.k_dn_per_e / time - camera.dark_e_s
         # Light and the other glare grow with the scene.
-        found.append(float(levels[0, dark]) * (rate - veil_e_s) / electrons_s)
-    return tuple(luminance for luminance in found if luminance > 0)
+        luminances.append(float(levels[0, dark]) * (rate - veil_e_s) / electrons_s)
+    return tuple(luminance for luminance in luminances if luminance > 0)
 
 
 def _sensor(chain: Chain, stage: str) -> tuple[Sensor, str]:
     """Sensor that a stage belongs to, and the stage's name without the sensor's."""
-    for own, sensor in chain.sensors:
+    for sensor_name, sensor in chain.sensors:
         for name in chain.recorded_names:
-            if chain.of_sensor(name, own) == stage:
+            if chain.of_sensor(name, sensor_name) == stage:
                 if isinstance(sensor, Sensor):
                     return sensor, name
                 raise PredictionError(
-                    f"sensor {own!r} is not an EMVA 1288 sensor, the only kind that can be predicted: simulate instead"
+                    f"sensor {sensor_name!r} is not an EMVA 1288 sensor, the only kind that can be predicted: "
+                    "simulate instead"
                 )
-    known = [chain.of_sensor(name, own) for own, _ in chain.sensors for name in chain.recorded_names]
+    known = [chain.of_sensor(name, sensor_name) for sensor_name, _ in chain.sensors for name in chain.recorded_names]
     raise PredictionError(
         f"stage is {stage!r}, which cannot be predicted: give one of {', '.join(known) or 'a sensor'}"
     )
@@ -145,10 +146,10 @@ def _camera(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
     """Sensor, exposures, merge and tone curve up to a stage."""
     assert chain.settings is not None
     names = chain.recorded_names
-    place = names.index(stage)
-    if place < len(chain.settings.exposure_s):
-        return CameraModel(sensor, replace(chain.settings, exposure_s=(chain.settings.exposure_s[place],)))
-    curves = [one for name, one in chain.behind if names.index(name) <= place]
+    index = names.index(stage)
+    if index < len(chain.settings.exposure_s):
+        return CameraModel(sensor, replace(chain.settings, exposure_s=(chain.settings.exposure_s[index],)))
+    curves = [curve for name, curve in chain.behind if names.index(name) <= index]
     if len(curves) > 1 or not all(isinstance(curve, ToneCurve) for curve in curves):
         raise PredictionError(
             f"{stage} follows stages other than a single tone curve: simulate, or choose an earlier stage"

@@ -63,7 +63,9 @@ def merged_rows(
     offsets = []
     for share, rows in zip(offset_shares, exposures, strict=True):
         power = max(_POINTS + ceil(log2(share)), _FEWEST)
-        offsets.append(_Pixels([_Exposure.of(*one, power) for one in zip(rows, stages, strict=True)], merge, power))
+        offsets.append(
+            _Pixels([_Exposure.of(*exposure, power) for exposure in zip(rows, stages, strict=True)], merge, power)
+        )
     ends_of_all = np.append(edges[:-1], np.inf)
 
     def row(rate: int) -> tuple[NDArray[np.intp], FloatArray]:
@@ -79,10 +81,10 @@ def merged_rows(
         return first + occurs, total[occurs]
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        found = list(pool.map(row, range(exposures[0][0].shape[0])))
-    columns, shares = (np.concatenate(arrays) for arrays in zip(*found, strict=True))
-    starts = np.cumsum([0, *(occurs.size for occurs, _ in found)])
-    return csr_array((shares, columns, starts), shape=(len(found), edges.size - 1))
+        row_parts = list(pool.map(row, range(exposures[0][0].shape[0])))
+    columns, shares = (np.concatenate(arrays) for arrays in zip(*row_parts, strict=True))
+    starts = np.cumsum([0, *(occurs.size for occurs, _ in row_parts)])
+    return csr_array((shares, columns, starts), shape=(len(row_parts), edges.size - 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +105,8 @@ class _Exposure:
         share = rows.data[kept]
         share /= np.repeat(np.add.reduceat(share, starts[:-1]), np.diff(starts))
         points = np.diff(np.rint(np.cumsum(share) * 2**power), prepend=0.0).astype(np.intp)
-        own, rest = (part.take(rows.indices[kept]) for part in stage)
-        return cls(starts, share, points, (own, rest))
+        signal, rest = (part.take(rows.indices[kept]) for part in stage)
+        return cls(starts, share, points, (signal, rest))
 
     def at(self, rate: int) -> tuple[FloatArray, NDArray[np.intp], list[FloatArray]]:
         """Probabilities, points and parts at one rate."""
@@ -122,7 +124,7 @@ class _Pixels:
 
     def merged(self, rate: int) -> tuple[FloatArray, FloatArray]:
         """Values in rising order, and the probability below each and of all: of all combinations, or of points."""
-        shares, points, parts = zip(*(one.at(rate) for one in self.exposures), strict=True)
+        shares, points, parts = zip(*(exposure.at(rate) for exposure in self.exposures), strict=True)
         if prod(one.size for one in shares) <= _ALL:
             values = self.merge(list(zip(*(np.ix_(*part) for part in zip(*parts, strict=True)), strict=True))).ravel()
             order = values.argsort()

@@ -65,13 +65,13 @@ def mixed_pair(
     keys = [_geometry(scene) for scene in scenes]
     # Of scenes that differ in brightness only, the first one says it for all.
     firsts = dict(zip(reversed(keys), reversed(scenes), strict=True))
-    found = {key: _parts(scene, optics, pixel_pitch_m) for key, scene in firsts.items()}
+    parts_by_key = {key: _parts(scene, optics, pixel_pitch_m) for key, scene in firsts.items()}
     result = []
     for region in (0, 1):
-        most = max(parts[region][1].size for parts in found.values())
+        most = max(parts[region][1].size for parts in parts_by_key.values())
         lux, shares = np.empty((len(scenes), most)), np.zeros((len(scenes), most))
-        for key, parts in found.items():
-            cells = np.array([own == key for own in keys])
+        for key, parts in parts_by_key.items():
+            cells = np.array([cell_key == key for cell_key in keys])
             mixtures, counted = parts[region]
             seen = levels_lx[cells] @ mixtures.T
             # What is missing has an illuminance that occurs, and no share.
@@ -97,7 +97,7 @@ def _parts(scene: Scene, optics: Optics, pixel_pitch_m: float) -> list[tuple[Flo
     else:
         samples = dict(regions)
     seen: FloatArray = np.stack(
-        [optics.spread(samples[one.name].astype(float), pixel_pitch_m, oversampling) for one in levels]
+        [optics.spread(samples[level.name].astype(float), pixel_pitch_m, oversampling) for level in levels]
     )
     luminance = np.tensordot(np.array([level.luminance_cd_m2 for level in levels]), seen, 1).astype(np.float64)
     return [_classes(seen[:, regions[name]].T, luminance[regions[name]]) for name in scene.pairs()[0]]

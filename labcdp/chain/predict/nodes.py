@@ -168,7 +168,7 @@ class RateGrid:
         roots = self.roots
         at = np.sqrt(np.clip(rates_e_s, 0.0, self.last_e_s))
         first = np.searchsorted(roots, at, side="right") - _POINTS // 2
-        place = np.minimum(first, roots.size - _POINTS)[:, None] + np.arange(_POINTS)
-        index = np.abs(place)
-        node = np.where(place < 0, -roots[index], roots[index])
+        offset = np.minimum(first, roots.size - _POINTS)[:, None] + np.arange(_POINTS)
+        index = np.abs(offset)
+        node = np.where(offset < 0, -roots[index], roots[index])
         return index, lagrange_weights(node, at)

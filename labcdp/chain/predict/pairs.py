@@ -96,8 +96,8 @@ def evaluate_cells(table: ValueTable, cells: Cells) -> FloatArray:
     bright = _bright_patches(table, cells)
     result = np.empty((len(fields(ExactPrediction)), cells.zero.size))
     for chosen, first, share, clipped in table.blocks(*cells.dark):
-        found = _evaluate(table, cells.take(chosen), bright, chosen, first, share)
-        result[:, chosen] = [*found, np.clip(clipped, 0.0, 1.0)]
+        shares = _evaluate(table, cells.take(chosen), bright, chosen, first, share)
+        result[:, chosen] = [*shares, np.clip(clipped, 0.0, 1.0)]
     return result
 
 
@@ -123,15 +123,15 @@ class _BrightPatches:
 
     def up_to(self, bins: ValueBins, cells: NDArray[np.intp], limits: FloatArray) -> FloatArray:
         """Probability of values of at most some limits of some cells, shape (n, k)."""
-        whole, place = self._place(bins, cells, limits)
-        found: FloatArray = self.at.take(place)
-        return found + (limits - bins.starts.take(whole)) * self.slope.take(place) if self.slope.size else found
+        whole, index = self._place(bins, cells, limits)
+        values: FloatArray = self.at.take(index)
+        return values + (limits - bins.starts.take(whole)) * self.slope.take(index) if self.slope.size else values
 
     def mean_up_to(self, bins: ValueBins, cells: NDArray[np.intp], ends: FloatArray) -> FloatArray:
         """Mean of `up_to` over limits spread evenly between each two of some `ends`, shape (n, k); k is one less."""
-        whole, place = self._place(bins, cells, ends)
+        whole, index = self._place(bins, cells, ends)
         along = ends - bins.starts.take(whole)
-        area = self.area.take(place) + along * (self.at.take(place) + along * self.slope.take(place) / 2)
+        area = self.area.take(index) + along * (self.at.take(index) + along * self.slope.take(index) / 2)
         length = np.diff(ends, axis=1)
         return np.divide(np.diff(area, axis=1), length, out=np.zeros_like(length), where=length > 0)
 
@@ -224,7 +224,7 @@ def _evaluate(
         snr_dark = (mean - cells.zero) / np.sqrt(variance)
         snr_bright = bright_mean / np.sqrt(bright_variance)
     above = share.sum(axis=1) * patches.total[numbers] - up_to_high
-    shares = [np.clip(one, 0.0, 1.0) for one in (up_to_high - below, below, above)]
+    shares = [np.clip(part, 0.0, 1.0) for part in (up_to_high - below, below, above)]
     return (*shares, mean_contrast, csnr, snr_dark, snr_bright, patches.saturated[numbers])
 
 

@@ -99,17 +99,17 @@ def predict(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon
     proportional to the value less that of dark signal and veil. Ends, and values of 0 and below, count as in
     `labcdp.metrics.cdp`.
     """
-    asked = np.asarray(contrast, dtype=np.float64)
-    if not (asked > 0).all() or not np.isfinite(asked).all():
+    targets = np.asarray(contrast, dtype=np.float64)
+    if not (targets > 0).all() or not np.isfinite(targets).all():
         raise InputError("a contrast is not above 0 or not finite: give fractions above 0 (1.0 is 100 %)")
     if not 0 < epsilon <= 1:
         raise InputError(f"epsilon is {epsilon}: give a fraction above 0, up to 1")
     patches = rates.patches()
-    shape = _common_shape(*(rate[..., 0] for rate, _ in patches), rates.veil_e_s, asked)
+    shape = _common_shape(*(rate[..., 0] for rate, _ in patches), rates.veil_e_s, targets)
     dark, bright = (_parts_of_cells(patch, shape) for patch in patches)
-    veil, asked = (np.broadcast_to(one, shape).ravel() for one in (rates.veil_e_s, asked))
+    veil, targets = (np.broadcast_to(values, shape).ravel() for values in (rates.veil_e_s, targets))
     zero = camera.dark_dn + camera.dn_per_e_s * veil
-    cells = Cells(dark, bright, zero, asked * (1 - epsilon), asked * (1 + epsilon))
+    cells = Cells(dark, bright, zero, targets * (1 - epsilon), targets * (1 + epsilon))
     table = value_table(camera, np.concatenate([dark[0].ravel(), bright[0].ravel()]))
     order = np.argsort(np.einsum("np,np->n", *dark), kind="stable")
     chunks = [order[begin : begin + _CHUNK] for begin in range(0, order.size, _CHUNK)]

@@ -62,29 +62,29 @@ class _Zone:
 
 def _zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> list[_Zone]:
     """List the zones of "linear" or "weighted"; those whose factors have no common unit are left out."""
-    found = []
+    zones = []
     end = ladder.saturation_dn * (1.0 if method == "linear" else FADE_FROM)
     for first in range(len(ladder)):
         factors = ladder.factors(method, first)
         relative = [Fraction(factor / factors[0]).limit_denominator(10_000) for factor in factors]
         if any(
-            abs(float(one) * factors[0] / factor - 1) > 1e-12 for one, factor in zip(relative, factors, strict=True)
+            abs(float(ratio) * factors[0] / factor - 1) > 1e-12 for ratio, factor in zip(relative, factors, strict=True)
         ):
             continue
-        common = lcm(*(one.denominator for one in relative))
+        common = lcm(*(ratio.denominator for ratio in relative))
         low = -np.inf if first == 0 else ladder.saturation_dn * ladder.ratios[first - 1]
         high = (ladder.saturation_dn if first == len(ladder) - 1 else end) * ladder.ratios[first]
-        steps = tuple(int(one * common) for one in relative)
-        found.append(_Zone(first, steps, factors[0] / common, -black_level_dn * sum(factors), low, high))
-    return found
+        steps = tuple(int(ratio * common) for ratio in relative)
+        zones.append(_Zone(first, steps, factors[0] / common, -black_level_dn * sum(factors), low, high))
+    return zones
 
 
-def _common_unit(found: Sequence[_Zone]) -> float | None:
+def _common_unit(zones: Sequence[_Zone]) -> float | None:
     """Largest unit that those of all zones are multiples of; None without zones."""
-    if not found:
+    if not zones:
         return None
-    return found[0].unit / lcm(
-        *(Fraction(zone.unit / found[0].unit).limit_denominator(1000).denominator for zone in found)
+    return zones[0].unit / lcm(
+        *(Fraction(zone.unit / zones[0].unit).limit_denominator(1000).denominator for zone in zones)
     )
 
 
@@ -142,8 +142,8 @@ class ValueBins:
         top = ladder.merged_saturation_dn
         dn = np.linspace(0, 1, 4001) ** 2 * top
         spread = _spread(method, ladder, dn, all_dn)
-        place = np.concatenate([[0], np.cumsum(np.diff(dn) * 2 / (spread[1:] + spread[:-1]))])
-        inner = np.interp(np.linspace(0, place[-1], ceil(place[-1] * _BINS) + 1), place, dn)
+        position = np.concatenate([[0], np.cumsum(np.diff(dn) * 2 / (spread[1:] + spread[:-1]))])
+        inner = np.interp(np.linspace(0, position[-1], ceil(position[-1] * _BINS) + 1), position, dn)
         inner[-1] = top
         # No value is below that of the least DN of all exposures.
         depth = (9 * all_dn + 1) * ladder.ratios[-1]
@@ -151,10 +151,10 @@ class ValueBins:
         bins: ValueBins = cls._between(np.concatenate([-below, [-ZERO_DN, ZERO_DN], inner[1:], [top * (1 + 1e-9)]]))
         bins.values[-1], bins.exact[-1] = top, True
         bins.values[below.size], bins.exact[below.size] = 0.0, True
-        found = _zones(method, ladder, black_dn)
+        zones = _zones(method, ladder, black_dn)
         # Where an exposure clips in some pixels only, "linear" has values of two zones in the same range.
-        shared = _common_unit(found) if method == "linear" else None
-        for zone in found:
+        shared = _common_unit(zones) if method == "linear" else None
+        for zone in zones:
             shorter = ladder.ratios[zone.first :]
             variances = [read_dn**2 + ladder.k_dn_per_e * dn / ratio for ratio in shorter]
             lump_dn = _lump_dn(zone, variances)
@@ -181,8 +181,8 @@ class ValueBins:
             few = np.meshgrid(*[least_dn + np.arange(count)] * len(ladder))
             alone = merge_dn(method, 20, few, ladder).ravel()
             alone = alone[np.unique(np.round(alone, 9), return_index=True)[1]]
-            place = np.searchsorted(bins.edges, alone, side="right") - 1
-            known = bins.exact[place] & (np.abs(bins.values[place] - alone) < 1e-8 * top)
+            index = np.searchsorted(bins.edges, alone, side="right") - 1
+            known = bins.exact[index] & (np.abs(bins.values[index] - alone) < 1e-8 * top)
             bins = bins._with_alone(alone[~known])
         return bins
 
@@ -211,8 +211,8 @@ class ValueBins:
         """Bins with more edges, in which some values are alone besides those that are."""
         bins = self._between(edges)
         values = np.concatenate([self.values[self.exact], alone])
-        place = np.searchsorted(edges, values, side="right") - 1
-        bins.values[place], bins.exact[place] = values, True
+        index = np.searchsorted(edges, values, side="right") - 1
+        bins.values[index], bins.exact[index] = values, True
         return bins
 
     def _with_lattice(self, origin: float, unit: float, low: float, high: float) -> Self:
@@ -231,13 +231,13 @@ class ValueBins:
 
 def _spread(method: Method, ladder: ExposureLadder, dn: FloatArray, dark_dn: float) -> FloatArray:
     """Return the standard deviation of the merged value over its mean."""
-    own = [ratio**2 * (dark_dn**2 + 1 / 12 + ladder.k_dn_per_e * dn / ratio) for ratio in ladder.ratios]
+    variances = [ratio**2 * (dark_dn**2 + 1 / 12 + ladder.k_dn_per_e * dn / ratio) for ratio in ladder.ratios]
     last = len(ladder) - 1
-    variance = own[last]
+    variance = variances[last]
     for i in reversed(range(last)):
         if method == "weighted":
             share = faded_share(dn / ladder.ratios[i], i, ladder)
         else:
             share = np.where(dn / ladder.ratios[i] < ladder.saturation_dn, 1 / (len(ladder) - i), 0.0)
-        variance = share**2 * own[i] + (1 - share) ** 2 * variance
+        variance = share**2 * variances[i] + (1 - share) ** 2 * variance
     return np.sqrt(variance)

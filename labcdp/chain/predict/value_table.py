@@ -199,8 +199,8 @@ class _TableMaker:
         for i, (_, taken) in enumerate(stages):
             exposed = camera.dn_rows(totals_e_s * camera.exposures_s[i], offsets_e)
             for share, open_share in zip(exposed, left, strict=True):
-                place = rank[starts[i] + np.cumsum(taken) - 1]
-                chosen = share @ indicator(place[taken], values.size, np.flatnonzero(taken), taken.size)
+                index = rank[starts[i] + np.cumsum(taken) - 1]
+                chosen = share @ indicator(index[taken], values.size, np.flatnonzero(taken), taken.size)
                 total = total + chosen.multiply(open_share[:, None]).tocsr()
                 open_share *= share @ np.where(taken, 0.0, 1.0)
         return values[order], total

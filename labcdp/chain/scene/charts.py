@@ -171,7 +171,7 @@ class Checkerboard(Sized):
     def pairs(self) -> Sequence[tuple[str, str]]:
         """Return the one pair; dark signal has none, nor have pixels of which half is bright each."""
         samples = (np.arange(size * self.oversampling) // self._square_samples % 2 for size in self.shape)
-        rows, columns = (one.reshape(-1, self.oversampling).mean(axis=1) - 0.5 for one in samples)
+        rows, columns = (axis.reshape(-1, self.oversampling).mean(axis=1) - 0.5 for axis in samples)
         # A pixel is bright where odd squares have most of its rows or most of its columns, and not of both.
         darkness = np.outer((rows.min(), rows.max()), (columns.min(), columns.max()))
         return (("dark", "bright"),) if self.luminance_cd_m2 > 0 and darkness.min() < 0 < darkness.max() else ()

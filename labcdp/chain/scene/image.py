@@ -140,10 +140,10 @@ class ImageScene(Parameters):
 def _state_of(path: Path) -> tuple[int, int] | None:
     """Return time and size of a file, by which it is read again where it changed; None if there is none."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    return found.st_mtime_ns, found.st_size
+    return status.st_mtime_ns, status.st_size
 
 
 @kept

@@ -201,18 +201,18 @@ def named_apart(names: Sequence[object], what: str, first: int = 1) -> list[str]
     for name in names:
         if not isinstance(name, str):
             raise InputError(f"the name of a {what} is {shown(name)}: give a text")
-    found = [str(name) or f"{what} {number}" for number, name in enumerate(names, first)]
-    twice = next((name for name in found if found.count(name) > 1), None)
+    unique = [str(name) or f"{what} {number}" for number, name in enumerate(names, first)]
+    twice = next((name for name in unique if unique.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"{twice!r} names two regions of the scene: give each {what} a name of its own")
-    return found
+    return unique
 
 
 def checked_contrasts(contrasts: object, names: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Return pairs of names, each once; raises InputError if they are none, or name no region."""
     if not isinstance(contrasts, list | tuple):
         raise InputError(f"contrasts is {shown(contrasts)}: give a list of pairs of names", key="contrasts")
-    found: dict[tuple[str, str], None] = {}
+    pairs: dict[tuple[str, str], None] = {}
     for pair in contrasts:
         if not isinstance(pair, list | tuple) or len(pair) != 2 or pair[0] == pair[1]:
             raise InputError(
@@ -221,8 +221,8 @@ def checked_contrasts(contrasts: object, names: Sequence[str]) -> tuple[tuple[st
         for name in pair:
             if name not in names:
                 raise InputError(f"contrasts names {shown(name)}: choose from {', '.join(names)}", key="contrasts")
-        found[str(pair[0]), str(pair[1])] = None
-    return tuple(found)
+        pairs[str(pair[0]), str(pair[1])] = None
+    return tuple(pairs)
 
 
 def darker_first(pairs: Iterable[tuple[str, str]], luminances: Mapping[str, float]) -> tuple[tuple[str, str], ...]:

@@ -110,7 +110,7 @@ def bench(
         server = Server(page.address, page.port)
 
         def ready(where: Address) -> None:
-            tell_others(where.place)
+            tell_others(where.url_without_token)
             page.served(end, where)
 
         with chosen.opened(configuration) as (camera, devices):

@@ -131,7 +131,7 @@ def rois(
             return map_page(workspace, document, map_first=is_map)
 
         def ready(where: Address) -> None:
-            tell_others(where.place)
+            tell_others(where.url_without_token)
             _tell(image, files, start)
             shown.served(end, where)
 

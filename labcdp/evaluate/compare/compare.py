@@ -67,8 +67,8 @@ class Question:
         """Return it as values JSON can hold."""
         axes = {axis.parameter: list(axis.values) for axis in self.axes}
         required = {} if self.requirement is None else {"requirement": self.requirement.model_dump(mode="json")}
-        asked = {"contrast": self.contrast, "epsilon": self.epsilon, "set": dict(self.changes or {}), "axes": axes}
-        return asked | required
+        question = {"contrast": self.contrast, "epsilon": self.epsilon, "set": dict(self.changes or {}), "axes": axes}
+        return question | required
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +138,7 @@ class Comparison:
 
 def compare_subjects(
     sources: Sequence[Any],
-    asked: Question | ImageSettings | None = None,
+    question: Question | ImageSettings | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Comparison:
     """Compare chains, maps, sessions, calibrations, characterisations or pictures; see `read_subjects`.
@@ -157,14 +157,16 @@ def compare_subjects(
     InputError
         If subjects cannot be read or compared, or there is a question but no chain or no picture.
     """
-    subjects = read_subjects(sources, asked if isinstance(asked, ImageSettings) else None)
+    subjects = read_subjects(sources, question if isinstance(question, ImageSettings) else None)
     kind = subjects[0].kind
     of_pictures = "regions and light", "picture"
-    what, of_kind = of_pictures if isinstance(asked, ImageSettings) else ("parameters, contrast and tolerance", "chain")
-    if asked is not None and kind != of_kind:
+    what, of_kind = (
+        of_pictures if isinstance(question, ImageSettings) else ("parameters, contrast and tolerance", "chain")
+    )
+    if question is not None and kind != of_kind:
         raise InputError(f"{what} are options for {of_kind}s, {subjects[0].name} is a {kind}")
     if kind == "chain":
-        return _chains(subjects, asked if isinstance(asked, Question) else Question(), progress)
+        return _chains(subjects, question if isinstance(question, Question) else Question(), progress)
     if kind == "sweep":
         maps = [subject.content for subject in subjects]
         return _maps(subjects, maps, [analyse_map(dataset) for dataset in maps])
@@ -193,11 +195,11 @@ def _chains(
     return replace(_maps(tuple(changed), maps, analyses), question=question, judged=tuple(verdicts))
 
 
-def _refined(sweep: Sweep, found: Dataset) -> MapAnalysis:
+def _refined(sweep: Sweep, dataset: Dataset) -> MapAnalysis:
     """Analyse a prediction, over the luminance alone with more points around each end of its usable ranges."""
     from xarray import concat
 
-    analysis, (axis, *others) = analyse_map(found), sweep.axes
+    analysis, (axis, *others) = analyse_map(dataset), sweep.axes
     for _ in range(0 if others or axis.parameter != LUMINANCES.parameter else _REFINEMENTS):
         intervals = [interval for usable in analysis.usable_ranges for interval in usable.intervals]
         brackets = {end.bracket for interval in intervals for end in interval.ends}
@@ -209,8 +211,8 @@ def _refined(sweep: Sweep, found: Dataset) -> MapAnalysis:
         if inner:
             values = tuple(np.concatenate(inner).tolist())
             more = run_sweep(replace(sweep, axes=(replace(axis, values=values),)))
-            found = concat([found, more], axis.parameter, data_vars="minimal").sortby(axis.parameter)
-            analysis = analyse_map(found)
+            dataset = concat([dataset, more], axis.parameter, data_vars="minimal").sortby(axis.parameter)
+            analysis = analyse_map(dataset)
     return analysis
 
 
@@ -255,6 +257,6 @@ def _text(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, list | tuple):
-        between = "; " if any(isinstance(one, list | tuple) for one in value) else ", "
+        between = "; " if any(isinstance(item, list | tuple) for item in value) else ", "
         return between.join(map(_text, value))
     return str(value)

@@ -177,16 +177,16 @@ def map_grid(subjects: Sequence[Subject], maps: Sequence[Dataset]) -> Grid:
     InputError
         If the maps have other axes, or other values on them.
     """
-    found = [CdpMap.of(dataset) for dataset in maps]
-    first = found[0]
+    cdp_maps = [CdpMap.of(dataset) for dataset in maps]
+    first = cdp_maps[0]
     # Axes of one value come first, those of the picture last.
     others = sorted(
         (name for name in first.axes if name not in first.spanned), key=lambda name: first.axes[name].values.size > 1
     )
     names = [*others, *first.spanned]
-    for subject, other in zip(subjects, found, strict=True):
+    for subject, other in zip(subjects, cdp_maps, strict=True):
         _require_axes(subjects[0].name, first, subject.name, other)
-    values = tuple(_cdp(one, names) for one in found)
+    values = tuple(_cdp(cdp_map, names) for cdp_map in cdp_maps)
     differences = tuple(difference(values[0], other) for other in values[1:])
     return Grid("CDP", tuple(first.axes[name] for name in names), values, differences, relative=False)
 
@@ -242,7 +242,7 @@ def responsivity_grid(subjects: Sequence[Subject]) -> Grid:
         )
     net_dn = np.linspace(low, high, _SIGNALS)
     logs = [_log_responsivity(planes, net_dn) for planes in cameras]
-    relative = tuple(_exponential(difference(logs[0], one)) for one in logs[1:])
+    relative = tuple(_exponential(difference(logs[0], log_values)) for log_values in logs[1:])
     values = tuple(_scaled(log) for log in logs)
     axes = (MapAxis("plane", np.array(names, dtype=str), "", "plane", False),) if names != [None] else ()
     signal = MapAxis("net_dn", net_dn, "DN", "signal above dark", True)

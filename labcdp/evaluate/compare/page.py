@@ -45,40 +45,44 @@ _METHOD = (
 )
 
 
-def _figures(found: Comparison) -> list[ReportFigure]:
+def _figures(comparison: Comparison) -> list[ReportFigure]:
     """Draw a comparison, unless its axis has no numbers."""
-    grid, names = found.grid, [printable(subject.name) for subject in found.subjects]
+    grid, names = comparison.grid, [printable(subject.name) for subject in comparison.subjects]
     if grid is not None and not grid.axes[-1].numeric:
         return []
-    simulated = "data" if any(subject.simulated for subject in found.subjects) else ""
+    simulated = "data" if any(subject.simulated for subject in comparison.subjects) else ""
     if grid is None:
-        figure = _values(found, names, simulated)
+        figure = _values(comparison, names, simulated)
     else:
-        figure = _maps(grid, names, simulated) if grid.spanned == 2 else _curves(grid, names, found, simulated)
-    first = found.subjects[0].name
-    caption = f"CDP, and its difference from {first}." if found.analyses else "Bars and bands are 95 % intervals."
+        figure = _maps(grid, names, simulated) if grid.spanned == 2 else _curves(grid, names, comparison, simulated)
+    first = comparison.subjects[0].name
+    caption = f"CDP, and its difference from {first}." if comparison.analyses else "Bars and bands are 95 % intervals."
     return [reported("comparison", figure, caption, f"Comparison of {', '.join(names)}.")]
 
 
-def _values(found: Comparison, names: Sequence[str], simulated: str) -> Figure:
+def _values(comparison: Comparison, names: Sequence[str], simulated: str) -> Figure:
     """Draw CDPs with their intervals, or z of all differences where there is no CDP."""
-    quantities = list(dict.fromkeys(row.first.quantity for row in found.rows))[:_MOST_ROWS]
-    probabilities = {row.first.quantity for row in found.rows if row.first.probability}
+    quantities = list(dict.fromkeys(row.first.quantity for row in comparison.rows))[:_MOST_ROWS]
+    probabilities = {row.first.quantity for row in comparison.rows if row.first.probability}
     cdps = [name for name in quantities if name in probabilities]
     drawn = cdps or quantities
     figure = new_figure(7.5, 1.0 + (0.34 if len(drawn) < 12 else 0.2) * len(drawn), simulated)
     axes = figure.add_subplot()
     step = 0.5 / len(names)
-    for number, (name, subject) in enumerate(zip(names, found.subjects, strict=True)):
-        rows = [row for row in found.rows if row.first.quantity in drawn and (number == 0 or row.name == subject.name)]
+    for number, (name, subject) in enumerate(zip(names, comparison.subjects, strict=True)):
+        rows = [
+            row for row in comparison.rows if row.first.quantity in drawn and (number == 0 or row.name == subject.name)
+        ]
         if not rows or (number == 0 and not cdps):
             continue
         places = [drawn.index(row.first.quantity) + step * (number - (len(names) - 1) / 2) for row in rows]
-        own = [row.other if number else row.first for row in rows]
+        values_shown = [row.other if number else row.first for row in rows]
         style: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3, "color": COLOURS[number % len(COLOURS)]}
         if cdps:
-            style["xerr"] = np.nan_to_num([[each.below for each in own], [each.above for each in own]])
-        values = [each.value for each in own] if cdps else [row.difference.z for row in rows]
+            style["xerr"] = np.nan_to_num(
+                [[each.below for each in values_shown], [each.above for each in values_shown]]
+            )
+        values = [each.value for each in values_shown] if cdps else [row.difference.z for row in rows]
         axes.errorbar(np.array(values, dtype=float), places, label=name, **style)
     axes.set_yticks(range(len(drawn)), [printable(name) for name in drawn], parse_math=False)
     axes.set_ylim(len(drawn) - 0.5, -0.5)
@@ -91,15 +95,15 @@ def _values(found: Comparison, names: Sequence[str], simulated: str) -> Figure:
     return figure
 
 
-def _curves(grid: Grid, names: Sequence[str], found: Comparison, simulated: str) -> Figure:
+def _curves(grid: Grid, names: Sequence[str], comparison: Comparison, simulated: str) -> Figure:
     """Draw overlaid curves, and below them the differences from the first with their intervals."""
     axis, sections = grid.axes[-1], _sections(grid)
     several = len(sections) > 1
     figure = new_figure(7.5, 3.4 if grid.relative else 5.0, simulated)
     panels = figure.subplots(1 if grid.relative else 2, 1, sharex=True, squeeze=False)[:, 0]
     for number, name in enumerate(names):
-        for place, (at, index) in enumerate(sections):
-            colour = COLOURS[(place if several else number) % len(COLOURS)]
+        for number_of_section, (at, index) in enumerate(sections):
+            colour = COLOURS[(number_of_section if several else number) % len(COLOURS)]
             style: dict[str, Any] = {"color": colour, "linestyle": ("-", "--", ":", "-.")[number % 4 if several else 0]}
             text = f"{name}, {at}" if several else name
             if not grid.relative:
@@ -112,7 +116,7 @@ def _curves(grid: Grid, names: Sequence[str], found: Comparison, simulated: str)
     if grid.relative:
         finish(panels[0], axis_label(axis), f"{grid.quantity} from that\nof {names[0]} in %", "", **_OUTSIDE)
     else:
-        panels[0].axhline(found.analyses[0].level, color="0.4", linewidth=1, linestyle=":")
+        panels[0].axhline(comparison.analyses[0].level, color="0.4", linewidth=1, linestyle=":")
         panels[0].set_ylim(-0.03, 1.05)
         finish(panels[0], "", grid.quantity, "", **_OUTSIDE)
         label(panels[1], axis_label(axis), f"difference of {grid.quantity}\nfrom {names[0]}", "")
@@ -131,11 +135,11 @@ def _draw(panel: Axes, axis: MapAxis, ends: Sequence[NDArray[Any]], text: str, s
 def _sections(grid: Grid) -> list[tuple[str, tuple[int, ...]]]:
     """Name and place of the curves of each subject, at the values of the other axes; as many as there are colours."""
     axes = {axis.name: axis for axis in grid.axes}
-    found = [
+    sections = [
         (at_text({a.name: a.values[i].item() for a, i in zip(grid.axes[:-1], index, strict=True)}, axes), index)
         for index in np.ndindex(*(axis.values.size for axis in grid.axes[:-1]))
     ]
-    return found[: len(COLOURS)]
+    return sections[: len(COLOURS)]
 
 
 def _maps(grid: Grid, names: Sequence[str], simulated: str) -> Figure:
@@ -167,16 +171,16 @@ def _maps(grid: Grid, names: Sequence[str], simulated: str) -> Figure:
     return figure
 
 
-def comparison_files(found: Comparison, result: Result) -> dict[str, bytes]:
+def comparison_files(comparison: Comparison, result: Result) -> dict[str, bytes]:
     """Return the files of a comparison as `result_files` does."""
-    said, tables = answer(found), {table.name: table for table in result.tables}
-    axes = [axis.name for axis in found.grid.axes] if found.grid else []
+    said, tables = answer(comparison), {table.name: table for table in result.tables}
+    axes = [axis.name for axis in comparison.grid.axes] if comparison.grid else []
     kept = ("quantity", "name", "difference", "unit", "z", "differs", "low", "low_end", "high", "high_end", *axes)
     brief = [tables[name].showing(*kept) for name in ("usable_ranges", "differences") if name in tables]
     # Beside a table, several maps would be too small to read.
-    wide = found.grid is not None and found.grid.spanned == 2
+    wide = comparison.grid is not None and comparison.grid.spanned == 2
     beside = [table for table in brief if len(table) <= _BRIEF and not wide]
-    lead: list[Block] = [*_figures(found), *beside]
+    lead: list[Block] = [*_figures(comparison), *beside]
     titles = {} if beside else {"usable_ranges": "Usable ranges"}
     titles |= {
         "requirement": "Requirement",
@@ -191,46 +195,49 @@ def comparison_files(found: Comparison, result: Result) -> dict[str, bytes]:
     ]
     sections.append(Section("Method and inputs", (_METHOD, facts_table(input_facts(result))), collapsed=True))
     summary = " ".join(f"{capitalised(finding_text(each))}." for each in said)
-    page = Page.of(result, f"Comparison of {found.kind}s", summary, _cards(found), lead, sections)
+    page = Page.of(result, f"Comparison of {comparison.kind}s", summary, _cards(comparison), lead, sections)
     page = replace(page, findings=[finding for finding in result.findings if finding not in said])
     return result_files(result, page)
 
 
-def _cards(found: Comparison) -> Iterator[Card]:
+def _cards(comparison: Comparison) -> Iterator[Card]:
     """Yield the verdict on or usable range of each map, or how many values differ and which one most."""
-    if found.judged:
-        for judgement in found.judged[:_MOST_CARDS]:
+    if comparison.judged:
+        for judgement in comparison.judged[:_MOST_CARDS]:
             detail = f"CDP {judgement.cdp:.3f} ± {judgement.expanded_cdp:.3f} at {judgement.luminance_cd_m2:.3g} cd/m²"
             detail += f", limited by {judgement.limit}"
             yield Card(judgement.name, judgement.verdict, detail, state=STATES[judgement.verdict])
         return
-    if found.grid is not None and found.analyses:
-        if len(found.subjects) > _MOST_CARDS:
+    if comparison.grid is not None and comparison.analyses:
+        if len(comparison.subjects) > _MOST_CARDS:
             return
-        axis = found.grid.axes[-1]
-        for subject, analysis in zip(found.subjects, found.analyses, strict=True):
-            one = analysis.widest
-            if one is None or one.widest is None:
+        axis = comparison.grid.axes[-1]
+        for subject, analysis in zip(comparison.subjects, comparison.analyses, strict=True):
+            widest = analysis.widest
+            if widest is None or widest.widest is None:
                 yield Card(subject.name, "none", f"CDP nowhere ≥ {analysis.level:g}", state="bad")
                 continue
             detail = f"{axis_unit(axis)}, {{}}range with CDP ≥ {analysis.level:g}"
             if len(analysis.usable_ranges) > 1:
                 yield Card(
-                    subject.name, ends_text(axis, one.widest), detail.format("widest "), _each(found.grid, analysis)
+                    subject.name,
+                    ends_text(axis, widest.widest),
+                    detail.format("widest "),
+                    _each(comparison.grid, analysis),
                 )
                 continue
-            lowest, highest = one.intervals[0], one.intervals[-1]
-            gap = "" if lowest is highest else ", with gaps" if len(one.intervals) > 2 else ", with a gap"
+            lowest, highest = widest.intervals[0], widest.intervals[-1]
+            gap = "" if lowest is highest else ", with gaps" if len(widest.intervals) > 2 else ", with a gap"
             whole = replace(lowest, ends=(lowest.ends[0], highest.ends[1]))
             yield Card(subject.name, ends_text(axis, whole), detail.format("") + gap)
         return
-    for subject in found.subjects[1 : _MOST_CARDS + 1]:
-        own = [row for row in found.rows if row.name == subject.name]
-        n = sum(bool(row.difference.significant) for row in own)
+    for subject in comparison.subjects[1 : _MOST_CARDS + 1]:
+        rows = [row for row in comparison.rows if row.name == subject.name]
+        n = sum(bool(row.difference.significant) for row in rows)
         state: State = "bad" if n else "good"
-        verdict, detail = "differs" if n else "", f"values differ significantly from {found.subjects[0].name}"
-        yield Card(subject.name, f"{n} of {len(own)}", detail, verdict=verdict, state=state)
-    known = [row for row in found.rows if np.isfinite(row.difference.z)]
+        verdict, detail = "differs" if n else "", f"values differ significantly from {comparison.subjects[0].name}"
+        yield Card(subject.name, f"{n} of {len(rows)}", detail, verdict=verdict, state=state)
+    known = [row for row in comparison.rows if np.isfinite(row.difference.z)]
     most = max(known, key=lambda row: abs(float(row.difference.z)), default=None)
     if most is not None and most.difference.z:
         yield Card("Most significant", f"z = {float(most.difference.z):.1f}", most.first.quantity, (most.name,))

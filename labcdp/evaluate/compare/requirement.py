@@ -103,20 +103,20 @@ def judged(name: str, chain: Chain, requirement: Requirement) -> Judged:
 
 def _judged(name: str, chain: Chain, requirement: Requirement) -> Judged:
     axis = luminances(requirement)
-    found = run_sweep(Sweep(chain, (axis,), True, None, None, requirement.epsilon))
-    worst = int(np.argmin(found["cdp"].values))
-    luminance, cdp = axis.values[worst], float(found["cdp"].values[worst])
+    swept = run_sweep(Sweep(chain, (axis,), True, None, None, requirement.epsilon))
+    worst = int(np.argmin(swept["cdp"].values))
+    luminance, cdp = axis.values[worst], float(swept["cdp"].values[worst])
 
     def at_worst(changes: Mapping[str, Any]) -> float:
-        one = Axis(axis.parameter, (luminance,))
-        sweep = Sweep(chain.with_(**changes), (one,), True, None, None, requirement.epsilon)
+        luminance_axis = Axis(axis.parameter, (luminance,))
+        sweep = Sweep(chain.with_(**changes), (luminance_axis,), True, None, None, requirement.epsilon)
         return float(run_sweep(sweep)["cdp"].values[0])
 
     errors = _errors(chain.document, requirement, cdp, at_worst)
     expanded = _K * hypot(*errors.values())
     margin = cdp - requirement.cdp_limit
     verdict = VERDICTS[cdp_verdict(cdp, (cdp - expanded, cdp + expanded), requirement.cdp_limit)]
-    saturated = max(float(found[key].values[worst]) for key in found if str(key).startswith("saturated"))
+    saturated = max(float(swept[key].values[worst]) for key in swept if str(key).startswith("saturated"))
     limit = "saturation" if saturated > _LEAST_SATURATED else _limit(chain.document, cdp, at_worst)
     dominant = max(errors, key=lambda key: errors[key]) if expanded > 0 else ""
     return Judged(name, verdict, float(luminance), cdp, expanded, margin, limit, dominant)
@@ -161,7 +161,7 @@ def _known(cdp: Callable[[Mapping[str, Any]], float], changes: Mapping[str, Any]
 
 def _scaled(value: Any, factor: float) -> Any:
     """Return a value times a factor; of a table, the second of each pair."""
-    return [[key, one * factor] for key, one in value] if isinstance(value, list) else float(value * factor)
+    return [[key, part * factor] for key, part in value] if isinstance(value, list) else float(value * factor)
 
 
 def _limit(document: Mapping[str, Any], cdp: float, without: Callable[[Mapping[str, Any]], float]) -> str:

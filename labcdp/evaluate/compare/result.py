@@ -90,10 +90,10 @@ def answer(comparison: Comparison) -> tuple[Finding, ...]:
 
 
 def _of_responsivities(comparison: Comparison, grid: Grid) -> Iterator[Finding]:
-    for subject, one in zip(comparison.subjects[1:], grid.differences, strict=True):
-        share = float(np.mean(one.significant))
+    for subject, difference in zip(comparison.subjects[1:], grid.differences, strict=True):
+        share = float(np.mean(difference.significant))
         code = "compare-responsivity-differs" if share else "compare-responsivity-agrees"
-        ends = [float(one.value.min()), float(one.value.max())]
+        ends = [float(difference.value.min()), float(difference.value.max())]
         yield info(code, subject.name, first=comparison.subjects[0].name, share=share, ends=ends)
 
 
@@ -108,28 +108,32 @@ def _of_maps(comparison: Comparison) -> Iterator[Finding]:
         values = {"level": analyses[0].level, "how": "" if refined else " (interpolated)"}
         if dark and len(analyses[0].usable_ranges) <= _FEW:
             named = {axis.name: axis for axis in grid.axes}
-            for place, usable in enumerate(analyses[0].usable_ranges):
-                texts = list(_lows(comparison, axis, place, _REFINED if refined else _INTERPOLATED))
+            for range_index, usable in enumerate(analyses[0].usable_ranges):
+                texts = list(_lows(comparison, axis, range_index, _REFINED if refined else _INTERPOLATED))
                 yield info("compare-darkest", at_text(usable.at, named), lows=texts, **values)
         else:
             yield info("compare-ranges", axis=axis_name(axis), ranges=list(_spans(comparison, axis)), **values)
     if len(comparison.subjects) > _FEW:
         return
-    for subject, one in zip(comparison.subjects[1:], grid.differences, strict=True):
-        below, above = (max(0.0, float(np.nanmax(sign * one.value))) for sign in (-1, 1))
+    for subject, difference in zip(comparison.subjects[1:], grid.differences, strict=True):
+        below, above = (max(0.0, float(np.nanmax(sign * difference.value))) for sign in (-1, 1))
         yield info("compare-maps-differ", subject.name, first=comparison.subjects[0].name, below=below, above=above)
-        if np.isfinite(one.z).any() and np.any(one.low < one.high):
-            share = float(np.mean(one.significant))
+        if np.isfinite(difference.z).any() and np.any(difference.low < difference.high):
+            share = float(np.mean(difference.significant))
             yield info("compare-maps-significant", subject.name, first=comparison.subjects[0].name, share=share)
 
 
-def _lows(comparison: Comparison, axis: MapAxis, place: int, n_digits: int) -> Iterator[str]:
+def _lows(comparison: Comparison, axis: MapAxis, range_index: int, n_digits: int) -> Iterator[str]:
     """Yield down to which luminance each is usable, the darkest first; of two the ratio, too, if both are known."""
-    all_intervals = [(subject.name, one.usable_ranges[place].intervals) for subject, one in _pairs(comparison)]
-    usable = sorted(((name, own) for name, own in all_intervals if own), key=lambda pair: pair[1][0].low)
-    unit, ends = f" {axis_unit(axis)}", [own[0].ends[0] for _, own in usable]
-    for number, (name, own) in enumerate(usable):
-        gaps = [f"{plain(a.high, n_digits)} to {plain(b.low, n_digits)}" for a, b in pairwise(own)]
+    all_intervals = [
+        (subject.name, analysis.usable_ranges[range_index].intervals) for subject, analysis in _pairs(comparison)
+    ]
+    usable = sorted(
+        ((name, intervals) for name, intervals in all_intervals if intervals), key=lambda pair: pair[1][0].low
+    )
+    unit, ends = f" {axis_unit(axis)}", [intervals[0].ends[0] for _, intervals in usable]
+    for number, (name, intervals) in enumerate(usable):
+        gaps = [f"{plain(a.high, n_digits)} to {plain(b.low, n_digits)}" for a, b in pairwise(intervals)]
         ratio = plain(ends[number].place / ends[0].place, n_digits) if number and len(usable) == 2 else "1"
         yield "".join((
             "down to " if number else "",
@@ -138,15 +142,15 @@ def _lows(comparison: Comparison, axis: MapAxis, place: int, n_digits: int) -> I
             f" (except {', '.join(gaps)})" if gaps else "",
             f", which needs {ratio} times the light" if ratio != "1" and not any(map(_bound, ends)) else "",
         ))  # fmt: skip
-    yield from (f"nowhere for {name}" for name, own in all_intervals if not own)
+    yield from (f"nowhere for {name}" for name, intervals in all_intervals if not intervals)
 
 
 def _spans(comparison: Comparison, axis: MapAxis) -> Iterator[str]:
     """Yield the widest range of each, the widest first."""
-    widest = [(subject.name, one.widest and one.widest.widest) for subject, one in _pairs(comparison)]
+    widest = [(subject.name, analysis.widest and analysis.widest.widest) for subject, analysis in _pairs(comparison)]
     usable = sorted(((name, width) for name, width in widest if width), key=lambda pair: pair[1].width, reverse=True)
-    for name, one in usable:
-        yield f"{ends_text(axis, one, _INTERPOLATED)} {axis_unit(axis)}".rstrip() + f" for {name}"
+    for name, interval in usable:
+        yield f"{ends_text(axis, interval, _INTERPOLATED)} {axis_unit(axis)}".rstrip() + f" for {name}"
     yield from (f"none for {name}" for name, width in widest if not width)
 
 
@@ -201,11 +205,13 @@ def _scene_of_another_contrast(comparison: Comparison) -> Iterator[Finding]:
     if question is None or any(a.parameter == "scene.contrast" for a in question.axes):
         return
     for subject in comparison.subjects:
-        own = subject.settings["scene"].get("contrast")
-        asked = [contrast for contrast in each_contrast(question.contrast) if contrast and own is not None]
-        others = [one for one in asked if abs(own / one - 1) > question.epsilon]
+        scene_contrast = subject.settings["scene"].get("contrast")
+        targets = [contrast for contrast in each_contrast(question.contrast) if contrast and scene_contrast is not None]
+        others = [target for target in targets if abs(scene_contrast / target - 1) > question.epsilon]
         if others:
-            yield warning("compare-scene-contrast", subject.name, own=own, asked=others if asked[1:] else others[0])
+            yield warning(
+                "compare-scene-contrast", subject.name, own=scene_contrast, asked=others if targets[1:] else others[0]
+            )
 
 
 def _interval(name: str, label: str, meaning: str, of: str) -> tuple[Column, ...]:
@@ -278,17 +284,17 @@ def _cells(grid: Grid | None, names: list[str]) -> Iterator[Table]:
     if grid is None or np.size(grid.values[0].value) > _MOST_CELLS:
         return
     places = np.meshgrid(*(axis.values for axis in grid.axes), indexing="ij")
-    found = [
+    columns = [
         (Column(each.name, axis_name(each), axis_unit(each)), at) for each, at in zip(grid.axes, places, strict=True)
     ]
-    for number, (name, one) in enumerate(zip(names, grid.values, strict=True), start=1):
-        found.append((Column(f"value_{number}", f"{grid.quantity} of {name}"), np.asarray(one.value)))
+    for number, (name, value) in enumerate(zip(names, grid.values, strict=True), start=1):
+        columns.append((Column(f"value_{number}", f"{grid.quantity} of {name}"), np.asarray(value.value)))
     unit, note = "%" if grid.relative else "", f"From {names[0]}; low and high are the ends of the 95 % interval."
     for number, (name, of) in enumerate(zip(names[1:], grid.differences, strict=True), start=2):
         for end, values in zip(("", "_low", "_high"), of.ends, strict=True):
-            found.append((Column(f"difference_{number}{end}", f"difference{end} of {name}", unit, note), values))
-    data = {column.name: values.ravel() for column, values in found}
-    yield Table("curves", f"{grid.quantity} at all places", tuple(one for one, _ in found), data, detail=True)
+            columns.append((Column(f"difference_{number}{end}", f"difference{end} of {name}", unit, note), values))
+    data = {column.name: values.ravel() for column, values in columns}
+    yield Table("curves", f"{grid.quantity} at all places", tuple(column for column, _ in columns), data, detail=True)
 
 
 def _settings(comparison: Comparison) -> Iterator[Table]:

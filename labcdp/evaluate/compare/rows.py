@@ -58,8 +58,8 @@ def _session(subject: Subject) -> Iterator[Named]:
         text = f"CDP of {row['pair']} at {_percent(row['target_contrast'])}, ε {_percent(row['epsilon'])}"
         yield _cdp(text, row, frames, calibration)
     for row in {row["pair"]: row for row in tables["contrasts"]["rows"]}.values():
-        own = row["camera_contrast"], row["expanded_camera_contrast"]
-        yield _symmetric(f"contrast of {row['pair']}", "%", *own, {}, (frames, calibration))
+        contrast = row["camera_contrast"], row["expanded_camera_contrast"]
+        yield _symmetric(f"contrast of {row['pair']}", "%", *contrast, {}, (frames, calibration))
 
 
 def _picture(subject: Subject) -> Iterator[Named]:
@@ -73,10 +73,10 @@ def _picture(subject: Subject) -> Iterator[Named]:
     rows = [row for row in tables["cdp"]["rows"] if row["number"] == number]
     for row in rows:
         measured = row["contrast_origin"] == "measured"
-        asked = "its contrast" if measured else _percent(row["contrast"])
+        target_text = "its contrast" if measured else _percent(row["contrast"])
         below, above = row["tolerance_below"], row["tolerance_above"]
         ends = [_percent(below) if below == above else f"{_percent(below)}, {_percent(above)}"]
-        yield _cdp(f"CDP of {row['pair']} at {asked}, ε {ends[0]}", row, picture, calibration)
+        yield _cdp(f"CDP of {row['pair']} at {target_text}, ε {ends[0]}", row, picture, calibration)
     for row in {row["pair"]: row for row in rows}.values():
         u, by_pixels = (_number(row[name]) for name in ("u_measured_contrast", "u_measured_contrast_pixels"))
         parts = _parts(u, by_pixels, picture, calibration)
@@ -101,8 +101,8 @@ def _calibration(subject: Subject) -> Iterator[Named]:
         (point,) = history.points
         plane = f" of plane {history.plane}" if history.plane else ""
         assert point.responsivity is not None
-        r, own, whole = point.responsivity
-        parts = _parts(whole, own, data, ("meter", f"{point.meter}")) if whole else {}
+        r, own_source, whole = point.responsivity
+        parts = _parts(whole, own_source, data, ("meter", f"{point.meter}")) if whole else {}
         yield _symmetric(f"responsivity R{plane}", RESPONSIVITY, r, r * whole, parts)
         yield _symmetric(f"dark offset{plane}", "DN", *point.dark_offset_dn, {data: 1.0})
         if point.dark_rate_dn_s is not None:

@@ -96,13 +96,13 @@ def read_subjects(sources: Sequence[Any], pictures: ImageSettings | None = None)
         known += [(later[number], str(source))] if number in later else named
     kinds = dict(reversed(known))
     if len(kinds) > 1:
-        (one, a), (other, b), *_ = reversed(kinds.items())
-        raise InputError(f"{a} is a {one}, but {b} is a {other}: give several of the same kind")
+        (kind, a), (other_kind, b), *_ = reversed(kinds.items())
+        raise InputError(f"{a} is a {kind}, but {b} is a {other_kind}: give several of the same kind")
     if len(known) < 2:
         raise InputError("there is nothing to compare with: give at least two")
     read |= {number: _read(sources[number], pictures) for number in later}
-    found = [subject for number in range(len(sources)) for subject in read[number]]
-    return tuple(replace(subject, name=name) for subject, name in zip(found, _names(found), strict=True))
+    subjects = [subject for number in range(len(sources)) for subject in read[number]]
+    return tuple(replace(subject, name=name) for subject, name in zip(subjects, _names(subjects), strict=True))
 
 
 def _evaluated_kind(source: Any, pictures: ImageSettings | None) -> str:
@@ -160,8 +160,8 @@ def _file(text: str, path: Path) -> list[Subject]:
             return _session(text.rstrip("/"), session)
     results = path / "results.json"
     # Of files with a name that labcdp gives, the folder says more.
-    own = path.name in ("results.json", "calibration.json", "map.nc", "chain.toml") and path.parent.name
-    name = str(path.parent) if own else text.rstrip("/")
+    is_default_name = path.name in ("results.json", "calibration.json", "map.nc", "chain.toml") and path.parent.name
+    name = str(path.parent) if is_default_name else text.rstrip("/")
     match path.suffix.lower():
         case _ if results.is_file():
             return _document(name, results)
@@ -203,10 +203,10 @@ def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[Input
             return [Subject(kind, name, content, inputs, settings, simulated)]
         rows = content["tables"]["pictures"]["rows"]
         names = [str(row["picture"]) for row in rows] if len(rows) > 1 else [name]
-        own = [settings | {key: row[key] for key in _OF_PICTURE if key in row} for row in rows]
+        settings_of_rows = [settings | {key: row[key] for key in _OF_PICTURE if key in row} for row in rows]
         return [
             Subject(kind, each, {**content, "number": number}, inputs, of_picture, simulated)
-            for number, (each, of_picture) in enumerate(zip(names, own, strict=True), start=1)
+            for number, (each, of_picture) in enumerate(zip(names, settings_of_rows, strict=True), start=1)
         ]
     except (LookupError, TypeError, ValueError, AttributeError):
         raise InputError(damaged(name)) from None
@@ -230,8 +230,8 @@ def _chain(name: str, chain: Chain, inputs: tuple[InputFile, ...]) -> Subject:
 def _map(name: str, dataset: Any, inputs: tuple[InputFile, ...]) -> Subject:
     check_map(dataset)
     text = str(dataset.attrs.get("chain", ""))
-    asked = {key: dataset.attrs[key] for key in ("contrast", "epsilon", "stage", "method") if key in dataset.attrs}
-    return Subject("sweep", name, dataset, inputs, {**asked, **parse_toml(text)}, True)
+    request = {key: dataset.attrs[key] for key in ("contrast", "epsilon", "stage", "method") if key in dataset.attrs}
+    return Subject("sweep", name, dataset, inputs, {**request, **parse_toml(text)}, True)
 
 
 def _calibration(name: str, calibration: AnyCalibration, inputs: tuple[InputFile, ...]) -> Subject:

@@ -51,11 +51,13 @@ def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
     coordinates = {
         axis.parameter: ([axis.parameter], np.array(axis.values), _described(axis)) for axis in sweep.dimensions
     }
-    asked = {} if several else {"contrast": _scene_contrast(sweep) if sweep.contrast is None else sweep.contrast}
+    scalar_contrast = (
+        {} if several else {"contrast": _scene_contrast(sweep) if sweep.contrast is None else sweep.contrast}
+    )
     attributes: Mapping[str, Any] = {
         "title": map_title(sweep.chain.name or "chain", sweep.stage),
         "chain_name": sweep.chain.name or "chain",
-        **asked,
+        **scalar_contrast,
         "epsilon": sweep.epsilon,
         "method": "exact" if sweep.exact else "simulated",
         "stage": sweep.stage,
@@ -148,13 +150,15 @@ def run_sweep(
             done[first : first + len(block)] = True
         packages = {name: version(name) for name in _PACKAGES}
         run = stack.enter_context((workers or Workers()).opened(Threads[range], None, packages))
-        for cells, found, error in run.run(_predicted if sweep.exact else _simulated, _blocks(sweep, done), sweep):
-            if found is None:
+        for cells, values_of_cells, error in run.run(
+            _predicted if sweep.exact else _simulated, _blocks(sweep, done), sweep
+        ):
+            if values_of_cells is None:
                 raise error or InputError("no cell was calculated")
-            values[cells.start : cells.stop] = found
+            values[cells.start : cells.stop] = values_of_cells
             done[cells.start : cells.stop] = True
             if journal is not None:
-                journal.add({"first": cells.start, "values": found.tolist()})
+                journal.add({"first": cells.start, "values": values_of_cells.tolist()})
             if progress is not None:
                 progress(int(done.sum()), n_cells)
     return labelled(sweep, values)
@@ -201,18 +205,18 @@ def _predicted(block: range, sweep: Sweep) -> NDArray[np.float64]:
     from ...chain.predict.chain import predict_chain
 
     settings = [_setting(sweep, cell) for cell in block]
-    asked = [cell.pop(TO_DETECT, sweep.contrast) for cell in settings]
+    targets = [cell.pop(TO_DETECT, sweep.contrast) for cell in settings]
     in_scene = [name for name in settings[0] if of_scene(sweep.chain, name)]
     # A block has one value of each parameter outside the scene; see `_blocks`.
     outside = {name: value for name, value in settings[0].items() if name not in in_scene}
     inside = {name.partition(".")[2]: [cell[name] for cell in settings] for name in in_scene}
     chain = sweep.chain.with_(**outside) if outside else sweep.chain
-    found = predict_chain(
-        chain, inside, stage=sweep.stage, contrast=None if sweep.contrast is None else asked, epsilon=sweep.epsilon
+    prediction = predict_chain(
+        chain, inside, stage=sweep.stage, contrast=None if sweep.contrast is None else targets, epsilon=sweep.epsilon
     )
-    values = {name: getattr(found, name, np.full(len(block), nan)) for name in VARIABLES}
-    values["snr_bright"] = np.where(found.saturated_share < _CLIPPED, found.snr_bright, nan)
-    values["snr_dark"] = np.where(found.saturated_share_dark < _CLIPPED, found.snr_dark, nan)
+    values = {name: getattr(prediction, name, np.full(len(block), nan)) for name in VARIABLES}
+    values["snr_bright"] = np.where(prediction.saturated_share < _CLIPPED, prediction.snr_bright, nan)
+    values["snr_dark"] = np.where(prediction.saturated_share_dark < _CLIPPED, prediction.snr_dark, nan)
     return np.stack(list(values.values()), axis=1)
 
 
@@ -229,8 +233,8 @@ def _simulated(block: range, sweep: Sweep) -> NDArray[np.float64]:
 
 def _row(pair: PairRow, dark: StageLuminance, bright: StageLuminance) -> NDArray[np.float64]:
     """Return the variables of `VARIABLES` for one cell; where no pixel is above 0 cd/m^2, nothing is detected."""
-    found = pair.cdp
-    shares = (0.0, np.nan, 1.0, 0.0) if found is None else (found.cdp, found.u, found.below, found.above)
+    cdp = pair.cdp
+    shares = (0.0, np.nan, 1.0, 0.0) if cdp is None else (cdp.cdp, cdp.u, cdp.below, cdp.above)
     snr = [each.luminance_snr if each.saturated_share < _CLIPPED else Quantity(nan, nan) for each in (dark, bright)]
     values = [ratio.value for ratio in snr]
     errors = [ratio.u for ratio in snr]

@@ -184,8 +184,8 @@ def reproduce_row(row: PublishedRow, seeds: Sequence[int]) -> ReproducedRow:
     """Run the thesis' setting, and the same with correct physics, for each of at least two seeds."""
     from ...chain.predict.chain import predict_chain
 
-    own, physical = thesis_chain(row), corrected_chain(row)
-    all_pairs = [_neighbours(own.run(seed), row.contrast) for seed in seeds]
+    thesis, physical = thesis_chain(row), corrected_chain(row)
+    all_pairs = [_neighbours(thesis.run(seed), row.contrast) for seed in seeds]
     samples = [(1 - UNFILLED_SLOTS / NEIGHBOUR_PAIRS) * share for share in all_pairs]
     # The thesis draws a fixed pattern for each frame, so here each seed is another device.
     corrected = [_neighbours(physical.with_(sensor__device_seed=seed).run(seed), row.contrast) for seed in seeds]
@@ -231,15 +231,15 @@ def corrected_chain(row: PublishedRow, glare_fraction: float = 1.0) -> Chain:
         column_dsnu_e=old.column_pattern_e_s * growth,
     )
     screens = {
-        stage: Windscreen(one.transmittance, glare_fraction, glare_subtracted=True)
-        for stage, one in thesis.before
-        if isinstance(one, ThesisWindscreen)
+        stage: Windscreen(screen.transmittance, glare_fraction, glare_subtracted=True)
+        for stage, screen in thesis.before
+        if isinstance(screen, ThesisWindscreen)
     }
     return replace(
         thesis,
         name="thesis-2018 with correct physics",
         spectrum="D65",
-        before=tuple((stage, screens.get(stage, one)) for stage, one in thesis.before),
+        before=tuple((stage, screens.get(stage, screen)) for stage, screen in thesis.before),
         sensors=((name, sensor),),
     )
 

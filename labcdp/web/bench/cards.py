@@ -80,60 +80,62 @@ def pair_card(bench: LiveBench) -> str:
     if len(pair) < 2:
         return _card("CDP", "-", "open", "choose two regions")
     title = " / ".join(roi.name for roi in pair)
-    found, points, target = bench.pair, bench.points, bench.target
-    if found is None:
+    evaluation, points, target = bench.pair, bench.points, bench.target
+    if evaluation is None:
         return _card(title, "…", "open", _why(bench))
-    if is_saturated(found.a, found.b):
-        which = "both regions are" if is_saturated(found.a) and is_saturated(found.b) else "a region is"
+    if is_saturated(evaluation.a, evaluation.b):
+        which = "both regions are" if is_saturated(evaluation.a) and is_saturated(evaluation.b) else "a region is"
         return _card(title, "saturated", "bad", f"{which}: shorten the exposure")
-    if not len(found.cdp):
+    if not len(evaluation.cdp):
         return _card(title, "no contrast", "bad", "both regions look the same")
     if not points:
         return _card(title, "…", "open", "measuring")
     epsilon = f"ε {100 * target.epsilon:.3g} %"
     if len(points) == 1:
         (point,) = points
-        asked = ": measured" if found.targets_measured_contrast else f" {_percent(point)}"
-        value, verdict, asked = f"{point.cdp:.4f}", str(point.verdict), f"target contrast{asked}, {epsilon}"
+        target_text = ": measured" if evaluation.targets_measured_contrast else f" {_percent(point)}"
+        value, verdict, target_text = f"{point.cdp:.4f}", str(point.verdict), f"target contrast{target_text}, {epsilon}"
         words = f"95 % interval {point.low:.4f} to {point.high:.4f}"
     else:
         value, verdict = f"{sum(point.verdict == 'detected' for point in points)} of {len(points)}", "detected"
-        asked = f"target contrasts {_percent(points[0])} to {_percent(points[-1])}, {epsilon}"
+        target_text = f"target contrasts {_percent(points[0])} to {_percent(points[-1])}, {epsilon}"
         words = "CDP " + ", ".join(f"{point.cdp:.4f}" for point in points)
     if not _seen_now(bench):
         return _card(title, f"{value} <small>(stale)</small>", "open", "from the last frame", words, raw=True)
     states = {_STATES[point.verdict] for point in points}
     state = states.pop() if len(states) == 1 else "open"
-    return _card(title, f"{value} <small>{verdict}</small>", state, words, asked, raw=True)
+    return _card(title, f"{value} <small>{verdict}</small>", state, words, target_text, raw=True)
 
 
 def planned_table(bench: LiveBench) -> str:
     """Write the pairs of the plan at a glance; a click chooses one."""
     chosen = set(bench.workspace.drawing.pair)
-    rows = [_planned_row(one, bench.glance(one), chosen) for one in bench.planned]
+    rows = [_planned_row(planned, bench.glance(planned), chosen) for planned in bench.planned]
     if not rows:
         return ""
     heads = ("pair of the plan", "measured", "target, ε", "CDP", "")
     return f"<div class='planned'>{table(heads, rows, 'dense')}</div>"
 
 
-def _planned_row(pair: PlannedPair, found: PairEvaluation | None, chosen: set[str | None]) -> str:
+def _planned_row(pair: PlannedPair, measured_pair: PairEvaluation | None, chosen: set[str | None]) -> str:
     message = json.dumps({"do": "pair", "first": pair.first, "second": pair.second})
     attributes = f"{' class=chosen' if {pair.first, pair.second} == chosen else ''} data-message='{text(message)}'"
-    contrasts = [f"{100 * one:.4g}" for one in pair.target.contrasts or ()]
-    asked = f"{' to '.join(dict.fromkeys((*contrasts[:1], *contrasts[-1:])))} %, {100 * pair.target.epsilon:.3g} %"
+    contrasts = [f"{100 * contrast:.4g}" for contrast in pair.target.contrasts or ()]
+    target_text = (
+        f"{' to '.join(dict.fromkeys((*contrasts[:1], *contrasts[-1:])))} %, {100 * pair.target.epsilon:.3g} %"
+    )
     measured, cdp, verdict = "…", "…", ""
-    if found is not None and found.result is None:
-        measured, cdp = found.error, ""
-    elif found is not None and found.result is not None:
-        measured, points = contrast_text(found.result), pair_points(found.result, 0.0)
+    if measured_pair is not None and measured_pair.result is None:
+        measured, cdp = measured_pair.error, ""
+    elif measured_pair is not None and measured_pair.result is not None:
+        measured, points = contrast_text(measured_pair.result), pair_points(measured_pair.result, 0.0)
         verdicts = list(dict.fromkeys(point.verdict for point in points))
-        saturated = is_saturated(found.result.a, found.result.b)
+        saturated = is_saturated(measured_pair.result.a, measured_pair.result.b)
         cdp = "" if saturated else ", ".join(f"{point.cdp:.4f}" for point in points[:3])
         verdict = "saturated" if saturated else verdicts[0] if len(verdicts) == 1 else "differ"
     kind = {"good": "pass", "bad": "fail"}.get(_STATES.get(verdict, "open"), "")
     head = f"{text(pair.first)} / {text(pair.second)}"
-    return table_row(head, (measured, asked, (cdp, "cdp"), (verdict, kind)), attributes)
+    return table_row(head, (measured, target_text, (cdp, "cdp"), (verdict, kind)), attributes)
 
 
 def uncalibrated_note(bench: LiveBench) -> str:
@@ -200,20 +202,26 @@ def reading_table(bench: LiveBench) -> str:
     if not readings:
         return "<p class='quiet'>Select a region, point the meter at it, and take a reading.</p>"
     rows = []
-    for number, one in readings[:_MOST_READINGS]:
-        camera = ("saturated" if one.saturated else "") if one.camera_cd_m2 is None else significant(one.camera_cd_m2)
-        deviation = "" if one.deviation is None else f"{100 * one.deviation:+.2f} %"
-        series = f" ({one.n_readings}, ± {100 * (one.scatter_rel or 0.0):.2g} %)" if one.n_readings > 1 else ""
+    for number, reading in readings[:_MOST_READINGS]:
+        camera = (
+            ("saturated" if reading.saturated else "")
+            if reading.camera_cd_m2 is None
+            else significant(reading.camera_cd_m2)
+        )
+        deviation = "" if reading.deviation is None else f"{100 * reading.deviation:+.2f} %"
+        series = (
+            f" ({reading.n_readings}, ± {100 * (reading.scatter_rel or 0.0):.2g} %)" if reading.n_readings > 1 else ""
+        )
         message = text(json.dumps({"do": "delete reading", "number": number}))
-        words = f"delete the reading of {one.time:%H:%M:%S}"
+        words = f"delete the reading of {reading.time:%H:%M:%S}"
         head = f"<button class='delete' title='{words}' aria-label='{words}' data-message='{message}'>&times;</button>"
         cells = (
-            f"{one.time:%H:%M:%S}",
-            one.region or "-",
-            f"{significant(one.luminance_cd_m2)}{series}",
+            f"{reading.time:%H:%M:%S}",
+            reading.region or "-",
+            f"{significant(reading.luminance_cd_m2)}{series}",
             camera,
-            (deviation, "fail" if one.disagrees else ""),
-            (one.origin, "origin"),
+            (deviation, "fail" if reading.disagrees else ""),
+            (reading.origin, "origin"),
         )
         rows.append(table_row(head, cells))
     heads = ("", "time", "region", "meter (cd/m²)", "camera", "deviation", "origin")
@@ -237,11 +245,11 @@ def settings_text(live: Live) -> str:
     )
 
 
-def _deviation(one: MeterReading) -> list[str]:
-    if one.deviation is None:
-        return ["the region is saturated in the camera"] if one.saturated else []
-    beyond = ", beyond the uncertainties" if one.disagrees else ""
-    return [f"camera {significant(one.camera_cd_m2 or 0.0)} cd/m², {100 * one.deviation:+.2f} %{beyond}"]
+def _deviation(reading: MeterReading) -> list[str]:
+    if reading.deviation is None:
+        return ["the region is saturated in the camera"] if reading.saturated else []
+    beyond = ", beyond the uncertainties" if reading.disagrees else ""
+    return [f"camera {significant(reading.camera_cd_m2 or 0.0)} cd/m², {100 * reading.deviation:+.2f} %{beyond}"]
 
 
 def _seen_now(bench: LiveBench) -> bool:
@@ -288,7 +296,7 @@ class Plots:
         self._measured = Span(location=None, dimension="height", line_color=_RED, line_width=2)
         self._contrasts = Range1d(1, 10_000)
         self._dn = Range1d(0, bench.images.highest_dn)
-        self._levels = tuple(Span(dimension="height", line_dash="dashed", line_color=one) for one in (_BLUE, _RED))
+        self._levels = tuple(Span(dimension="height", line_dash="dashed", line_color=color) for color in (_BLUE, _RED))
         self._plotted_s = 0.0
         self.figures = (self._trace_figure(), self._curve_figure(), self._histogram_figure())
 
@@ -317,16 +325,16 @@ class Plots:
     def _plot_trace(self, frames: Sequence[Sequence[PairPoint]]) -> None:
         """Show a line for each target contrast, with its 95 % interval where that is known."""
         lines, now_s = list(zip(*frames, strict=True)), monotonic()
-        known = [[one for one in line if isfinite(one.low)] for line in lines]
+        known = [[point for point in line if isfinite(point.low)] for line in lines]
         colours = _colours(len(lines))
         self._trace.data = {
-            "t": [[one.time_s - now_s for one in line] for line in lines],
-            "cdp": [[one.cdp for one in line] for line in lines],
+            "t": [[point.time_s - now_s for point in line] for line in lines],
+            "cdp": [[point.cdp for point in line] for line in lines],
             "colour": colours,
         }
         self._bands.data = {
-            "t": [[one.time_s - now_s for one in (*line, *reversed(line))] for line in known],
-            "ends": [[one.low for one in line] + [one.high for one in reversed(line)] for line in known],
+            "t": [[point.time_s - now_s for point in (*line, *reversed(line))] for line in known],
+            "ends": [[point.low for point in line] + [point.high for point in reversed(line)] for line in known],
             "colour": colours,
         }
 

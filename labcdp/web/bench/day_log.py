@@ -180,20 +180,20 @@ class Day:
         stored, what = read_json(path, "a log of labcdp bench"), f"labcdp bench cannot continue the log {path}"
         if not isinstance(stored, dict) or stored.get("format") != _FORMAT:
             raise InputError(f"{what}: move it away")
-        found: dict[str, Any] = {}
+        entries_by_name: dict[str, Any] = {}
         for name, kind in _KINDS.items():
             entries = stored.get(name, [])
             if not isinstance(entries, list):
                 raise InputError(f"{what}: its {name} are not a list; move the file away")
             try:
-                found[name] = tuple(kind(**record_of(kind, one)) for one in entries)
+                entries_by_name[name] = tuple(kind(**record_of(kind, entry)) for entry in entries)
             except InputError as error:
                 raise InputError(f"{what}: {error} in its {name}; move the file away") from error
-        return cls(**found)
+        return cls(**entries_by_name)
 
     def encode(self) -> bytes:
         """Return the content of the file."""
-        entries = {name: [_values(one) for one in getattr(self, name)] for name in _KINDS}
+        entries = {name: [_values(entry) for entry in getattr(self, name)] for name in _KINDS}
         return results_json({"format": _FORMAT, **entries}).encode()
 
 
@@ -233,14 +233,14 @@ class DayLog:
     @property
     def readings(self) -> tuple[tuple[int, MeterReading], ...]:
         """Readings that are not deleted, with their numbers, the newest first."""
-        return tuple((n, one) for n, one in reversed(list(enumerate(self.day.readings))) if not one.deleted)
+        return tuple((n, reading) for n, reading in reversed(list(enumerate(self.day.readings))) if not reading.deleted)
 
     def add(self, *entries: MeterReading | Snapshot | SettingsInForce) -> None:
         """Add entries, after midnight to the log of the next day."""
         if self.time().date() != self._date:
             self._date, self.day = self.time().date(), Day()
         for name, kind in _KINDS.items():
-            new = tuple(one for one in entries if isinstance(one, kind))
+            new = tuple(entry for entry in entries if isinstance(entry, kind))
             self.day = replace(self.day, **{name: (*getattr(self.day, name), *new)})
         self._write()
 

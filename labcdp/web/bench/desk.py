@@ -64,9 +64,9 @@ def meter_reading(
     camera, camera_u, saturated = None, None, False
     for roi in rois:
         if roi.name == region and image.unit == "cd/m^2":
-            found = measure_region(image.pixels(roi))
-            saturated = is_saturated(found)
-            camera, camera_u = (None, None) if saturated else (found.mean, found.u)
+            light = measure_region(image.pixels(roi))
+            saturated = is_saturated(light)
+            camera, camera_u = (None, None) if saturated else (light.mean, light.u)
     mean = taken.mean_cd_m2
     u = hypot(taken.standard_uncertainty_random_cd_m2, taken.standard_uncertainty_common_rel * mean)
     n, scatter = len(taken.readings), taken.scatter_rel if len(taken.readings) > 1 else None
@@ -130,7 +130,7 @@ class MeterDesk:
     @property
     def last(self) -> MeterReading | None:
         """The newest reading that was not deleted."""
-        return next((one for _, one in self.log.readings), None)
+        return next((reading for _, reading in self.log.readings), None)
 
     def note(self, taken: ReadingSeries, origin: str, region: str, known: bool = True) -> None:
         """Add what a meter of known accuracy, or not, says, with what the camera sees in the region now."""

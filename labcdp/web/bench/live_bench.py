@@ -116,20 +116,22 @@ class LiveBench:
         """Return the pair of the plan whose turn it is, besides the chosen one."""
         if self._workspace is None:
             return None
-        asked = set(self.workspace.drawing.pair), self.target
+        chosen = set(self.workspace.drawing.pair), self.target
         in_turn = (next(self._turns) for _ in self.planned)
-        return next((one for one in in_turn if ({one.first, one.second}, one.target) != asked), None)
+        return next(
+            (planned for planned in in_turn if ({planned.first, planned.second}, planned.target) != chosen), None
+        )
 
     def target_of(self, drawing: Drawing) -> Target:
         """Return what is to be detected of the pair of a drawing: as typed, else by the plan."""
         pair = frozenset(drawing.pair)
         if pair in self._targets:
             return self._targets[pair]
-        planned = [one.target for one in self.planned if {one.first, one.second} == pair]
+        planned = [planned.target for planned in self.planned if {planned.first, planned.second} == pair]
         if not planned:
             return self._target
-        same = [one for one in planned if one.epsilon == planned[0].epsilon]
-        contrasts = sorted({contrast for one in same for contrast in one.contrasts or ()})
+        same = [target for target in planned if target.epsilon == planned[0].epsilon]
+        contrasts = sorted({contrast for target in same for contrast in target.contrasts or ()})
         return Target(tuple(contrasts) or None, planned[0].epsilon)
 
     @property
@@ -184,10 +186,10 @@ class LiveBench:
             If nothing is measured.
         """
         measured = self.workspace.measured
-        found = [self.glance(one) for one in self.planned]
-        found += [measured.pair] if self.pair is not None else []
+        pairs_measured = [self.glance(planned) for planned in self.planned]
+        pairs_measured += [measured.pair] if self.pair is not None else []
         # The chosen pair may be one of the plan.
-        pairs = {id(one): one for one in found if one is not None and one.result is not None}.values()
+        pairs = {id(pair): pair for pair in pairs_measured if pair is not None and pair.result is not None}.values()
         if not pairs or measured.taken is None:
             raise InputError("there is no CDP to note: choose two regions first")
         unit, time = self.workspace.image.unit, self.log.time()
@@ -230,7 +232,7 @@ class LiveBench:
         if settings is None or settings == self._noted:
             return
         self._noted = settings
-        names = [one.name for one in fields(SettingsInForce) if one.name != "time"]
+        names = [field.name for field in fields(SettingsInForce) if field.name != "time"]
         self.log.add(SettingsInForce(self.log.time(), **{name: getattr(settings, name) for name in names}))
 
     def fit_exposure(self) -> None:
@@ -276,8 +278,8 @@ class LiveBench:
     @property
     def question(self) -> str:
         """What the acquisition asks now; empty if nothing."""
-        asked = None if self.recording is None or not self.busy else self.recording.operator.question
-        return "" if asked is None else asked.text
+        current = None if self.recording is None or not self.busy else self.recording.operator.question
+        return "" if current is None else current.text
 
     @property
     def pair(self) -> Pair | None:
@@ -288,11 +290,11 @@ class LiveBench:
 
     def glance(self, pair: PlannedPair) -> PairEvaluation | None:
         """Return what was last measured of a pair of the plan with these settings; None if nothing was."""
-        asked = pair.rois(self.workspace.drawing), pair.target.contrasts, pair.target.epsilon
+        request = pair.rois(self.workspace.drawing), pair.target.contrasts, pair.target.epsilon
         chosen, (besides, taken) = self.workspace.measured.pair, self._glances.get(pair, (None, None))
-        if chosen is not None and chosen.answers(*asked):
+        if chosen is not None and chosen.answers(*request):
             return chosen
-        of_now = besides is not None and besides.answers(*asked) and taken == self.workspace.measured.taken
+        of_now = besides is not None and besides.answers(*request) and taken == self.workspace.measured.taken
         return besides if of_now else None
 
     @property
@@ -354,9 +356,9 @@ class LiveBench:
         measured = self.workspace.measured
         if measured is self._measured:
             return
-        for pair, one in product(self.planned, measured.others):
-            if one.answers(pair.rois(self.workspace.drawing), pair.target.contrasts, pair.target.epsilon):
-                self._glances[pair] = one, measured.taken
+        for pair, evaluation in product(self.planned, measured.others):
+            if evaluation.answers(pair.rois(self.workspace.drawing), pair.target.contrasts, pair.target.epsilon):
+                self._glances[pair] = evaluation, measured.taken
         self._measured, result, now_s, of = measured, self.pair, monotonic(), self._asked
         points = () if result is None else pair_points(result, now_s)
         self.trace = self.trace.after(points, of)
@@ -367,5 +369,5 @@ class LiveBench:
             return
         self._curve_s = now_s
         image, rois, epsilon = self.workspace.image, self.workspace.drawing.pair_rois, self.target.epsilon
-        curves = ((of, *cdp_curve(image, rois, result.contrast.value, one)) for one in (epsilon,))
+        curves = ((of, *cdp_curve(image, rois, result.contrast.value, tolerance)) for tolerance in (epsilon,))
         self._server.elsewhere(curves, partial(setattr, self, "_curve"), lambda: None)

@@ -187,9 +187,9 @@ class LiveCamera:
         self._read_s, before, now = monotonic(), self._live.settings, camera.settings
         if before is None or before == now:
             return False
-        names = [one.name for one in fields(now)]
+        names = [field.name for field in fields(now)]
         both = ((name, getattr(before, name), getattr(now, name)) for name in names)
-        self._publish(settings=now, changed=tuple(one for one in both if one[1] != one[2]))
+        self._publish(settings=now, changed=tuple(setting for setting in both if setting[1] != setting[2]))
         return True
 
     def _configure(self, camera: Camera) -> None:

@@ -48,7 +48,7 @@ def _contrasts(text: str) -> tuple[float, ...] | None:
 
 def _written(target: Target) -> str:
     """Return the target contrasts as a person would type them."""
-    contrasts = [f"{100 * one:g}" for one in target.contrasts or ()]
+    contrasts = [f"{100 * contrast:g}" for contrast in target.contrasts or ()]
     return "%, ".join(contrasts) + "%" * (len(contrasts) > 1)
 
 
@@ -119,7 +119,7 @@ class BenchPage:
 
     def tab(self) -> tuple[Any, CustomJS]:
         """Return the layout of the tab, and the script that starts with it."""
-        plots = [pn.pane.Bokeh(one, sizing_mode="stretch_width", margin=(4, 8)) for one in self._plots.figures]
+        plots = [pn.pane.Bokeh(figure, sizing_mode="stretch_width", margin=(4, 8)) for figure in self._plots.figures]
         button = self._page.button
         live = column(
             self._pairs,
@@ -150,7 +150,7 @@ class BenchPage:
             ("Record", self._record.layout()),
             sizing_mode="stretch_both",
         )
-        self._controls = [one for place in (0, 1, 4) for one in tabs[place].select(pn.widgets.Widget)]
+        self._controls = [tab_index for control in (0, 1, 4) for tab_index in tabs[control].select(pn.widgets.Widget)]
         self.update()
         side = (*self._page.head(self._control), tabs)
         return beside(self._picture.figure, side, self._strip), self._picture.script()
@@ -179,9 +179,9 @@ class BenchPage:
         """Show the newest image, when it comes or when the browser has drawn the one before."""
         self._picture.renew(self.bench.images.newest)
 
-    def _point(self, place: list[int]) -> None:
+    def _point(self, position: list[int]) -> None:
         if self._may_change():
-            self.bench.images.pointer = place
+            self.bench.images.pointer = position
 
     def _connect(self) -> None:
         self._page.on_enter(self._typed, self._enter)
@@ -264,7 +264,9 @@ class BenchPage:
             self.bench.delete_reading(number)
 
     def _choose(self, _name: str) -> None:
-        first, second = (None if one.value == _NONE else one.value for one in (self._first, self._second))
+        first, second = (
+            None if selector.value == _NONE else selector.value for selector in (self._first, self._second)
+        )
         self._page.do({"do": "pair", "first": first, "second": second})
 
     def _aim_contrast(self, text: str) -> None:

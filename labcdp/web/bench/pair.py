@@ -108,7 +108,14 @@ class Trace:
         kept = self.frames if of == self.of else ()
         if points:
             now_s, n = points[0].time_s, len(points)
-            kept = (*(one for one in kept if now_s - one[0].time_s < TRACE_S and len(one) == n), points)
+            kept = (
+                *(
+                    frame_points
+                    for frame_points in kept
+                    if now_s - frame_points[0].time_s < TRACE_S and len(frame_points) == n
+                ),
+                points,
+            )
         return Trace(kept, of, points)
 
 
@@ -156,17 +163,17 @@ def snapshots_of(pair: PairEvaluation, time: datetime, taken: tuple[float, float
             second=pair.second.name,
             contrast=known(contrast.value),
             contrast_u=known(contrast.u),
-            target_contrast=one.contrast,
+            target_contrast=point.contrast,
             epsilon=pair.epsilon,
-            cdp=known(one.cdp),
-            low=known(one.low),
-            high=known(one.high),
-            verdict=one.verdict,
+            cdp=known(point.cdp),
+            low=known(point.low),
+            high=known(point.high),
+            verdict=point.verdict,
             exposure_s=taken[0],
             gain_db=taken[1],
             unit=unit,
         )
-        for one in pair_points(result, 0.0)
+        for point in pair_points(result, 0.0)
     ]
 
 
@@ -176,7 +183,7 @@ def cdp_curve(
     """Return contrasts around the measured one, fractions, and the CDP of two regions at each."""
     contrasts = np.geomspace(*_RANGE, _N_POINTS) * max(contrast, 0.01)
     values = [image.light_in(roi) for roi in pair]
-    bright, dark = sorted(values, key=lambda one: float(one.mean()), reverse=True)
+    bright, dark = sorted(values, key=lambda pixels: float(pixels.mean()), reverse=True)
     return contrasts, cdp(bright, dark, contrasts, epsilon).cdp
 
 
@@ -209,11 +216,11 @@ def planned_pairs(
     pairs = () if plan is None else plan.contrasts
     of_plan = {
         PlannedPair(
-            one.bright,
-            one.dark,
-            Target(contrasts or (one.contrast,), one.epsilon if epsilon is None else epsilon),
+            pair.bright,
+            pair.dark,
+            Target(contrasts or (pair.contrast,), pair.epsilon if epsilon is None else epsilon),
         ): None
-        for one in pairs
+        for pair in pairs
     }
     return tuple(of_plan)
 
@@ -245,7 +252,9 @@ class LiveMeasurements(Measurements):
         self._measure_pair(drawing)
         limited = {roi for shape in drawing.shapes if shape.limits_cd_m2 is not None for roi in shape.rois()}
         judged = {roi: self._evaluated(roi, numbers) for roi, numbers in self._known.items() if roi in limited}
-        others = {roi: replace(one, evaluated=True, result=self._of_pair(roi)) for roi, one in self._known.items()}
+        others = {
+            roi: replace(numbers, evaluated=True, result=self._of_pair(roi)) for roi, numbers in self._known.items()
+        }
         yield Measured(others | judged, self._pair, tuple(self._measured_besides(drawing)), self.image.taken)
 
     def _measured_besides(self, drawing: Drawing) -> Iterator[PairEvaluation]:

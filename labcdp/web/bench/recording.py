@@ -105,8 +105,8 @@ class PageOperator(AskedOperator):
 
     def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
         """Ask whether to repeat a unit; the findings stay on the page."""
-        for one in findings:
-            self.find(f"{what}: {one}")
+        for finding in findings:
+            self.find(f"{what}: {finding}")
         question = Question(f"Fix it and repeat the {what}?", "", ("Repeat", "Keep"), tuple(map(str, findings)))
         return self._ask(question) == "Repeat"
 

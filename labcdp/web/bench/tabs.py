@@ -68,8 +68,10 @@ class CameraTab:
         if settings is None or (settings, features, live.error) == self._shown:
             return
         self._shown = (settings, features, live.error)
-        choices = next((one.choices for one in features if one.name == "PixelFormat"), ())
-        formats = dict.fromkeys([*(one for one in choices if one in PIXEL_FORMATS), settings.pixel_format])
+        choices = next((feature.choices for feature in features if feature.name == "PixelFormat"), ())
+        formats = dict.fromkeys(
+            [*(pixel_format for pixel_format in choices if pixel_format in PIXEL_FORMATS), settings.pixel_format]
+        )
         rate_hz = settings.frame_rate_hz
         page = self._page
         with page.quietly():
@@ -82,7 +84,7 @@ class CameraTab:
 
     def _set_region(self, text: str) -> None:
         parts = coordinates(text, 4)
-        if any(one != int(one) or one < 0 for one in parts):
+        if any(part != int(part) or part < 0 for part in parts):
             raise InputError("the region is four whole numbers: x, y, width, height")
         self._camera.request(region=Region(*map(int, parts)))
 
@@ -90,7 +92,7 @@ class CameraTab:
         if not text:
             return
         name, _, given = (part.strip() for part in text.partition("="))
-        known = {one.name.lower(): one for one in self._camera.live.features}.get(name.lower())
+        known = {feature.name.lower(): feature for feature in self._camera.live.features}.get(name.lower())
         value = None if known is None else _value(known, given)
         if known is None or value is None:
             raise InputError(f"{text!r} is not understood: write NAME = VALUE as in the table below")
@@ -105,10 +107,13 @@ class CameraTab:
 
     def _list(self) -> None:
         wanted = self._find.value.lower()
-        found = [one for one in self._camera.live.features if wanted in one.name.lower()]
-        shown = found[:_MOST_ROWS]
-        rows = (table_row(text(one.name), (f"{_number(one.value)} {one.unit}", _range(one))) for one in shown)
-        more = f"<p class='quiet'>{len(found) - _MOST_ROWS} more</p>" if len(found) > _MOST_ROWS else ""
+        matches = [feature for feature in self._camera.live.features if wanted in feature.name.lower()]
+        shown = matches[:_MOST_ROWS]
+        rows = (
+            table_row(text(feature.name), (f"{_number(feature.value)} {feature.unit}", _range(feature)))
+            for feature in shown
+        )
+        more = f"<p class='quiet'>{len(matches) - _MOST_ROWS} more</p>" if len(matches) > _MOST_ROWS else ""
         self._table.object = table(("Feature", "value", "possible"), rows, "dense features") + more
 
 
@@ -206,10 +211,10 @@ class RecordTab:
         self._typed.disabled = not controlled
         self._dismiss.visible = recording is not None and bool(recording.operator.findings)
         answers = question.answers if question is not None else ()
-        for place, button in enumerate((self._first, self._second)):
-            button.visible, button.disabled = place < len(answers), not controlled
-            if place < len(answers):
-                button.name = answers[place]
+        for index, button in enumerate((self._first, self._second)):
+            button.visible, button.disabled = index < len(answers), not controlled
+            if index < len(answers):
+                button.name = answers[index]
         if recording is not None:
             self._pause.name = "Resume recording" if recording.control.paused else "Pause recording"
         self._state.object = self._text()

@@ -56,7 +56,7 @@ class DisplayScale:
         sample = sample[np.isfinite(sample)]
         if not sample.size:
             return cls(name or "gamma", 0.0, 1.0)
-        black, white = (float(one) for one in np.percentile(sample, (_BLACK, _WHITE)))
+        black, white = (float(percentile) for percentile in np.percentile(sample, (_BLACK, _WHITE)))
         if not white > black:
             black, white = min(black, 0.0), max(white, black + 1)
         if name is None:

@@ -108,7 +108,7 @@ class Drawing:
         before = [roi.name for roi in self.shape(name).rois()]
         renamed = self.changed(name, lambda shape: replace(shape, name=to))
         names = dict(zip(before, (roi.name for roi in renamed.shape(to).rois()), strict=True))
-        first, second = (None if one is None else names.get(one, one) for one in self.pair)
+        first, second = (None if old is None else names.get(old, old) for old in self.pair)
         return replace(renamed, pair=(first, second)) if not self.is_proposal(name) else renamed
 
     def deleted(self, name: str) -> Drawing:
@@ -180,7 +180,7 @@ class Drawing:
         kept = [name if name in known else None for name in self.pair]
         for at, name in enumerate(kept):
             if name is None:
-                kept[at] = next((one for one in names if one not in kept), None)
+                kept[at] = next((candidate for candidate in names if candidate not in kept), None)
         return replace(self, pair=(kept[0], kept[1]))
 
 
@@ -220,5 +220,5 @@ class History:
 
     def resized(self, size: ImageSize) -> History:
         """Return the history for an image of another size; regions that are outside stay."""
-        past, future = (tuple(replace(one, size=size) for one in some) for some in (self.past, self.future))
+        past, future = (tuple(replace(drawing, size=size) for drawing in some) for some in (self.past, self.future))
         return History(replace(self.present, size=size), past, future)

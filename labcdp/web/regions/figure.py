@@ -246,5 +246,5 @@ def _image_source() -> ColumnDataSource:
 
 def _image_data(part: Tile, step: int, number: int) -> dict[str, list[Any]]:
     """Columns of a part whose pixels stand for `step` pixels of the image along each side."""
-    place = {"x": part.x, "y": part.y, "dw": part.width, "dh": part.height}
-    return {"image": [part.pixels], **{name: [step * value] for name, value in place.items()}, "number": [number]}
+    rectangle = {"x": part.x, "y": part.y, "dw": part.width, "dh": part.height}
+    return {"image": [part.pixels], **{name: [step * value] for name, value in rectangle.items()}, "number": [number]}

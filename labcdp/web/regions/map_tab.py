@@ -104,7 +104,10 @@ class MapTab:
         page.of_view(self._isolines, self._set_levels)
         page.of_view(self._line, self._set_ends)
         self._picture.link.on_change(
-            "line", lambda _attr, _old, new: self._line.param.update(value=", ".join(f"{one:.1f}" for one in new))
+            "line",
+            lambda _attr, _old, new: self._line.param.update(
+                value=", ".join(f"{coordinate:.1f}" for coordinate in new)
+            ),
         )
         page.on_enter(self._limits, self._limit)
 
@@ -165,16 +168,16 @@ class MapTab:
     def _draw(self) -> None:
         """Draw profile and isolines of the image of this moment."""
         image, picture = self._workspace.image, self._picture
-        found = isolines(image.luminance, self._levels) if self._levels else []
-        picture.isolines.data = {"xs": [one.x for one in found], "ys": [one.y for one in found]}
+        lines = isolines(image.luminance, self._levels) if self._levels else []
+        picture.isolines.data = {"xs": [line.x for line in lines], "ys": [line.y for line in lines]}
         # Noise makes many lines of a level: the longest has the label.
-        longest = {one.level: one for one in sorted(found, key=lambda one: len(one.x))}.values()
+        longest = {line.level: line for line in sorted(lines, key=lambda line: len(line.x))}.values()
         # At different places, as the lines about an object lie on each other.
-        places = [(one, len(one.x) * (at + 1) // (len(longest) + 1)) for at, one in enumerate(longest)]
+        places = [(line, len(line.x) * (at + 1) // (len(longest) + 1)) for at, line in enumerate(longest)]
         picture.isoline_labels.data = {
-            "x": [one.x[place] for one, place in places],
-            "y": [one.y[place] for one, place in places],
-            "text": [f"{one.level:g}" for one, _ in places],
+            "x": [line.x[index] for line, index in places],
+            "y": [line.y[index] for line, index in places],
+            "text": [f"{line.level:g}" for line, _ in places],
         }
         ends = self._ends
         picture.profile_line.data = {"x": list(ends[::2]), "y": list(ends[1::2])}

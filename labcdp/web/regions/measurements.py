@@ -92,8 +92,8 @@ class PairEvaluation:
 
     def answers(self, pair: Sequence[Roi], contrasts: Sequence[float] | None, epsilon: float) -> bool:
         """Whether it is of these two regions, as they are drawn now, and was asked for these contrasts."""
-        asked = None if contrasts is None else tuple(contrasts)
-        return ((self.first, self.second), self.contrasts, self.epsilon) == (tuple(pair), asked, epsilon)
+        targets = None if contrasts is None else tuple(contrasts)
+        return ((self.first, self.second), self.contrasts, self.epsilon) == (tuple(pair), targets, epsilon)
 
 
 @dataclass(frozen=True)
@@ -159,8 +159,8 @@ class Measurements:
 
     def _evaluated_pair(self, pair: Sequence[Roi], contrasts: Sequence[float] | None, epsilon: float) -> PairEvaluation:
         first, second = pair
-        asked = None if contrasts is None else tuple(contrasts)
-        done = partial(PairEvaluation, first, second, asked, epsilon)
+        targets = None if contrasts is None else tuple(contrasts)
+        done = partial(PairEvaluation, first, second, targets, epsilon)
         try:
             a, b = map(self.image.pixels, pair)
             require_apart(a.placed, b.placed)
@@ -198,7 +198,7 @@ class Measurements:
     def _of_pair(self, roi: Roi) -> RegionLight | None:
         """Return the result of a region from that of the pair."""
         pair = None if self._pair is None else self._pair.result
-        return None if pair is None else next((one for one in (pair.a, pair.b) if one.roi == roi), None)
+        return None if pair is None else next((region for region in (pair.a, pair.b) if region.roi == roi), None)
 
 
 def _std(values: NDArray[Any]) -> float | None:

@@ -134,7 +134,7 @@ def _drawn(what: str, name: str, message: Mapping[str, Any], size: ImageSize) ->
     corners = message.get("corners")
     if not isinstance(corners, list) or len(corners) > _MOST_CORNERS:
         raise InputError(f"a polygon has 3 to {_MOST_CORNERS} corners: draw it again")
-    return edit.polygon_shape(name, tuple(_place({"corner": one}, "corner") for one in corners), size)
+    return edit.polygon_shape(name, tuple(_place({"corner": corner}, "corner") for corner in corners), size)
 
 
 def _edited(what: str, shape: Shape, message: Mapping[str, Any], size: ImageSize) -> Shape:
@@ -154,7 +154,7 @@ def _edited(what: str, shape: Shape, message: Mapping[str, Any], size: ImageSize
 
 def _place(message: Mapping[str, Any], key: str) -> Corner:
     value = message.get(key)
-    if isinstance(value, list) and [type(one) in (int, float) for one in value] == [True, True]:
+    if isinstance(value, list) and [type(coordinate) in (int, float) for coordinate in value] == [True, True]:
         return float(value[0]), float(value[1])
     raise InputError(f"the page sent a {key} that is not two numbers: reload it")
 

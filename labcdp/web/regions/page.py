@@ -86,7 +86,7 @@ class Page(Widgets):
             self.field("Select", f"Region {letter}", self._pair_chosen, **wide) for letter in "AB"
         )
         self._file = self.field("TextInput", title, value=workspace.files.output.name, **wide)
-        methods = {name: one for one, name in METHOD_NAMES.items()}
+        methods = {name: method for method, name in METHOD_NAMES.items()}
         self._method = self.field("Select", "Propose regions", options=methods, **wide)
         size_px = default_size_px(workspace.image)
         self._size = self.number("Size in pixels", limits=(6, inf), value=size_px, width=110)
@@ -197,7 +197,7 @@ class Page(Widgets):
         said = self.said_first()
         said += [("warning", f"{field}: {why}") for field, why in self.complaints.items()]
         said += [(notice.kind, notice.text), *self.said_last()]
-        for kind, words in dict.fromkeys(one for one in said if one[1]):
+        for kind, words in dict.fromkeys(message for message in said if message[1]):
             role = "alert" if kind == "question" else "status"
             yield f"<div class='notice {kind}' role='{role}'>{html.text(words)}</div>"
 
@@ -277,8 +277,8 @@ class Page(Widgets):
     def _propose(self) -> None:
         method = self._method.value
         try:
-            found = propose(self.workspace.image, method, self._size.value if method == "superpixels" else None)
-            self.workspace.propose(found, METHOD_NAMES[method])
+            shapes = propose(self.workspace.image, method, self._size.value if method == "superpixels" else None)
+            self.workspace.propose(shapes, METHOD_NAMES[method])
         except LabcdpError as error:
             self.workspace.warn(error)
 

@@ -156,7 +156,7 @@ class PageImage:
         value, flags = of(part.luminance_cd_m2), part.invalid[inside][at]
         if self.unit != "cd/m^2":
             return value, np.full(value.shape, np.nan), flags
-        relative = [of(one) for one in (part.random_rel, part.common_rel, part.slow_rel)]
+        relative = [of(u_rel) for u_rel in (part.random_rel, part.common_rel, part.slow_rel)]
         with np.errstate(invalid="ignore"):
             u = np.sqrt(np.square(value) * sum(map(np.square, relative)) + np.square(of(part.slow_cd_m2)))
         known = (u > 0) & (flags & np.uint8(Invalid.SATURATED) == 0)
@@ -217,8 +217,8 @@ class PageImage:
             parts.append(f"DN {int(value)}{self._colour(row, column)}")
         elif self.unit != "cd/m^2":
             parts.append(f"value {float(value):.6g}")
-        at = tuple(min(place, n - n % self.step - 1) // self.step for place, n in ((row, height), (column, width)))
-        value, expanded, flags = (one[0] for one in self.light_at(*(np.array([place]) for place in at)))
+        at = tuple(min(index, n - n % self.step - 1) // self.step for index, n in ((row, height), (column, width)))
+        value, expanded, flags = (values[0] for values in self.light_at(*(np.array([index]) for index in at)))
         light = with_half_width(value, expanded) if isfinite(expanded) else significant(value)
         if flags & Invalid.SATURATED:
             light = bounded(value, ">")
@@ -270,11 +270,11 @@ def video_image(path: Path, at: Position, converter: Converter) -> PageImage:
 
 def _frame(source: VideoSource, at: Position) -> tuple[int, Frame]:
     """Return the selected frame and its number."""
-    found = next(frames_of(source, Selection(at)), None)
-    if found is None:
+    frame = next(frames_of(source, Selection(at)), None)
+    if frame is None:
         n = 1 + max((entry.number for entry in source.entries()), default=-1)
         raise InputError(f"{source.path} has {n} frames, 0 to {n - 1}, and none at {at}: choose another with --frame")
-    if found.pixels is None or found.fault is not None:
-        fault = "" if found.fault is None else finding_text(found.fault)
-        raise InputError(f"frame {found.number} of {source.path}: {fault}; choose another with --frame")
-    return found.number, found.pixels.frame
+    if frame.pixels is None or frame.fault is not None:
+        fault = "" if frame.fault is None else finding_text(frame.fault)
+        raise InputError(f"frame {frame.number} of {source.path}: {fault}; choose another with --frame")
+    return frame.number, frame.pixels.frame

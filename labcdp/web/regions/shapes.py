@@ -190,7 +190,7 @@ def _finite(value: float) -> float:
 Method = Literal["checkerboard", "step-chart", "superpixels"]
 
 #: Names of the methods for the user.
-METHOD_NAMES: dict[Method, str] = {one: one.replace("-", " ").capitalize() for one in get_args(Method)}
+METHOD_NAMES: dict[Method, str] = {method: method.replace("-", " ").capitalize() for method in get_args(Method)}
 #: Most proposals: more are impractical to confirm one by one.
 MOST_PROPOSALS = 2000
 #: Default number of superpixels along the longer side of an image.
@@ -229,22 +229,22 @@ def propose(image: PageImage, method: Method, size_px: int | None = None) -> tup
     light, step = np.asarray(image.luminance.luminance_cd_m2), image.luminance.step
     if method == "superpixels":
         asked_px = default_size_px(image) if size_px is None else size_px
-        found = _superpixels(light, max(1, round(asked_px / step)))
+        shapes = _superpixels(light, max(1, round(asked_px / step)))
     else:
-        found = detect_checkerboard(light) if method == "checkerboard" else detect_step_chart(light)
+        shapes = detect_checkerboard(light) if method == "checkerboard" else detect_step_chart(light)
     # In pixels of the image, not of the map.
-    return tuple(replace(one, corners=tuple((step * x, step * y) for x, y in one.corners)) for one in found)
+    return tuple(replace(shape, corners=tuple((step * x, step * y) for x, y in shape.corners)) for shape in shapes)
 
 
 def _superpixels(light: NDArray[Any], size_px: int) -> tuple[PolygonShape, ...]:
     from ...regions.proposals import propose_regions
 
-    found = propose_regions(light, size_px)
-    if not found:
+    shapes = propose_regions(light, size_px)
+    if not shapes:
         raise InputError("no uniform area is as large as half a superpixel: give a smaller size, or draw the regions")
-    if len(found) > MOST_PROPOSALS:
+    if len(shapes) > MOST_PROPOSALS:
         raise InputError(
-            f"{len(found)} regions were found, more than the limit of {MOST_PROPOSALS}: give a larger size of "
+            f"{len(shapes)} regions were found, more than the limit of {MOST_PROPOSALS}: give a larger size of "
             "superpixels"
         )
-    return found
+    return shapes

@@ -227,7 +227,7 @@ class Widgets:
 
     def _complain(self, widget: Any, why: str) -> None:
         """Mark a field and say why its text is not taken; empty if it is."""
-        marked = [one for one in widget.stylesheets if one != _WRONG]
+        marked = [sheet for sheet in widget.stylesheets if sheet != _WRONG]
         if why:
             self.complaints[widget.name] = why
             widget.stylesheets = [*marked, _WRONG]

@@ -50,7 +50,7 @@ def region_table(image: PageImage, drawing: Drawing, measured: Measured, selecte
     """Table of the regions, with DN and luminance."""
     if not drawing.shapes:
         return "<p class='quiet'>No regions yet. Choose Polygon or Rectangle and draw on the picture.</p>"
-    rows = _region_rows(drawing, measured, selected, lambda _shape, found: _cells(found))
+    rows = _region_rows(drawing, measured, selected, lambda _shape, numbers: _cells(numbers))
     value = "DN" if image.is_dn else "value"
     heads = ("Region", "pixels", f"mean {value}", f"std {value}", f"mean {image.unit_text}")
     note = ""
@@ -64,12 +64,12 @@ def pair_table(drawing: Drawing, measured: Measured) -> str:
     chosen = drawing.pair_rois
     if len(chosen) < 2:
         return "<p class='quiet'>Choose two regions.</p>"
-    found = measured.pair
-    if found is None or (found.first, found.second) != chosen:
+    evaluation = measured.pair
+    if evaluation is None or (evaluation.first, evaluation.second) != chosen:
         return "<p class='quiet'>Measuring …</p>"
-    pair = found.result
+    pair = evaluation.result
     if pair is None:
-        return f"<p class='warning'>{text(found.error)}</p>"
+        return f"<p class='warning'>{text(evaluation.error)}</p>"
     if is_saturated(pair.a, pair.b):
         return f"<p class='warning'>Measured contrast {contrast_text(pair)}: a region is saturated.</p>"
     measured_target, rows = pair.targets_measured_contrast, []
@@ -100,24 +100,24 @@ def warning_list(image: PageImage, drawing: Drawing, measured: Measured) -> str:
     pair = measured.pair
     if pair is not None and pair.result is not None and pair.first in rois and pair.second in rois:
         # Those of a region are already shown above.
-        known = {(one.code, one.subject) for one in findings}
-        findings += [one for one in pair.result.findings if (one.code, one.subject) not in known]
+        known = {(finding.code, finding.subject) for finding in findings}
+        findings += [finding for finding in pair.result.findings if (finding.code, finding.subject) not in known]
     return items([*errors, *map(finding_sentence, unique((*findings, *image.findings)))])
 
 
-def _cells(found: RegionNumbers | None) -> tuple[str, ...]:
-    if found is None:
+def _cells(numbers: RegionNumbers | None) -> tuple[str, ...]:
+    if numbers is None:
         return ("…",) * 4
-    value = "" if found.value is None else f"{found.value:.5g}"
-    std = "" if found.value_std is None else f"{found.value_std:.3g}"
-    light = "" if found.light is None else significant(found.light)
-    if found.result is not None:
-        light = measured_text(found.result.mean, found.result.u, found.result.bound)
-    elif found.light is not None and found.saturated > SATURATED_SHARE:
-        light = bounded(found.light, ">")
-    elif light and not found.evaluated:
+    value = "" if numbers.value is None else f"{numbers.value:.5g}"
+    std = "" if numbers.value_std is None else f"{numbers.value_std:.3g}"
+    light = "" if numbers.light is None else significant(numbers.light)
+    if numbers.result is not None:
+        light = measured_text(numbers.result.mean, numbers.result.u, numbers.result.bound)
+    elif numbers.light is not None and numbers.saturated > SATURATED_SHARE:
+        light = bounded(numbers.light, ">")
+    elif light and not numbers.evaluated:
         light += " …"
-    return str(found.n_pixels or ""), value, std, light
+    return str(numbers.n_pixels or ""), value, std, light
 
 
 def contrast_text(pair: Pair) -> str:
@@ -137,23 +137,23 @@ def statistics_table(image: PageImage, drawing: Drawing, measured: Measured, sel
     return f"{table(_HEADS, rows, 'dense')}<p class='quiet'>{text(unit)}</p>"
 
 
-def _statistics(calibrated: bool, shape: Shape, found: RegionNumbers | None) -> Sequence[Cell]:
+def _statistics(calibrated: bool, shape: Shape, numbers: RegionNumbers | None) -> Sequence[Cell]:
     """Cells of a region: luminance, and whether it is within the limits of its shape."""
-    if found is None or found.light is None:
-        return [(found.error if found else "") or "…", *[""] * 5]
-    expanded = nan if found.result is None else Z_95 * found.result.u
-    limits, light = shape.limits_cd_m2, found.light
-    saturated = found.saturated > SATURATED_SHARE
+    if numbers is None or numbers.light is None:
+        return [(numbers.error if numbers else "") or "…", *[""] * 5]
+    expanded = nan if numbers.result is None else Z_95 * numbers.result.u
+    limits, light = shape.limits_cd_m2, numbers.light
+    saturated = numbers.saturated > SATURATED_SHARE
     verdict = limit_verdict(light, expanded, limits) if limits is not None and calibrated else ""
     if saturated and limits is not None and verdict:
         # The luminance is at least that.
         verdict = "fail" if light > limits[1] else "undecided"
     return [
         bounded(light, ">") if saturated else significant(light),
-        significant(found.lowest or 0.0),
-        bounded(found.highest or 0.0, ">") if found.saturated else significant(found.highest or 0.0),
-        f"{light / found.light_std:.3g}" if found.light_std and not saturated else "",
-        share_percent(found.saturated),
+        significant(numbers.lowest or 0.0),
+        bounded(numbers.highest or 0.0, ">") if numbers.saturated else significant(numbers.highest or 0.0),
+        f"{light / numbers.light_std:.3g}" if numbers.light_std and not saturated else "",
+        share_percent(numbers.saturated),
         ("" if limits is None else f"{limits[0]:g} to {limits[1]:g} {verdict}", verdict),
     ]
 

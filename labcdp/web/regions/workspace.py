@@ -133,9 +133,9 @@ class Workspace:
 
     def propose(self, proposals: Iterable[Shape], what: str) -> None:
         """Show proposals to be confirmed; `what` names their origin."""
-        found = tuple(proposals)
-        new = new_shapes(found, self.drawing.shapes)
-        n, n_known = len(new), len(found) - len(new)
+        shapes = tuple(proposals)
+        new = new_shapes(shapes, self.drawing.shapes)
+        n, n_known = len(new), len(shapes) - len(new)
         there = f" {n_known} more {'exist' if n_known > 1 else 'exists'} already." if n_known else ""
         text = f"{n} region{'s' if n > 1 else ''} proposed. They count once you accept them.{there}"
         if not new:

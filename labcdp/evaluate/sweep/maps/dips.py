@@ -165,11 +165,11 @@ def _explained(curve: Curve, falls: list[tuple[int, int]], expected: list[float]
             for value in expected
             if low <= value <= high
         ]
-    found: dict[int, float] = {}
+    explained: dict[int, float] = {}
     for _, number, value in sorted(pairs):
-        if number not in found and value not in found.values():
-            found[number] = float(value)
-    return found
+        if number not in explained and value not in explained.values():
+            explained[number] = float(value)
+    return explained
 
 
 def _last_edge(curve: Curve, peak: int, trough: int) -> int:

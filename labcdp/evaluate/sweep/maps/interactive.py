@@ -77,15 +77,15 @@ def _heat_maps(view: MapView) -> LayoutDOM:
     scale = ColorBar(color_mapper=colours, title="CDP", ticker=BasicTicker(desired_num_ticks=6))
     scale.title_text_font_style = "normal"
     plot.add_layout(scale, "right")
-    _add_legend(plot, [item for own in items for item in own])
+    _add_legend(plot, [item for legend_items in items for item in legend_items])
     if len(parts) == 1:
         return plot
-    for number, (renderers, own) in enumerate(zip(parts, items, strict=True)):
-        for model in (*renderers, *own):
+    for number, (renderers, legend_items) in enumerate(zip(parts, items, strict=True)):
+        for model in (*renderers, *legend_items):
             model.visible = number == 0
     options = [(f"{number}", view.text_of(at)) for number, (at, _) in enumerate(view.parts)]
     shown_part = Select(options=options, value="0", title="Shown", sizing_mode="stretch_width", max_width=600)
-    groups = [[*renderers, *own] for renderers, own in zip(parts, items, strict=True)]
+    groups = [[*renderers, *legend_items] for renderers, legend_items in zip(parts, items, strict=True)]
     code = "groups.forEach((models, i) => models.forEach((model) => (model.visible = `${i}` === cb_obj.value)))"
     shown_part.js_on_change("value", CustomJS(args={"groups": groups}, code=code))
     return stacked([shown_part, plot], sizing_mode="stretch_width")

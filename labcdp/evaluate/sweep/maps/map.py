@@ -71,12 +71,12 @@ def analyse_map(dataset: Dataset, level: float = 0.9, expected: Sequence[float] 
     InputError
         If the dataset is no map, an axis cannot be used, or the level is out of range.
     """
-    found = CdpMap.of(dataset)
+    cdp_map = CdpMap.of(dataset)
     # The first that the map has: the dark region has the luminance of the axis.
     snr = tuple(name for name in SNR_VARIABLES if name in dataset.data_vars)[:1]
-    x, y = found.x.name, found.y.name if found.y else ""
-    ranges = usable_ranges(found, x, level) if found.x.numeric else ()
-    dips = [dip for name in (*snr, "cdp") if found.x.numeric for dip in find_dips(found, x, name, expected)]
+    x, y = cdp_map.x.name, cdp_map.y.name if cdp_map.y else ""
+    ranges = usable_ranges(cdp_map, x, level) if cdp_map.x.numeric else ()
+    dips = [dip for name in (*snr, "cdp") if cdp_map.x.numeric for dip in find_dips(cdp_map, x, name, expected)]
     return MapAnalysis(
         x=x,
         y=y,
@@ -85,5 +85,5 @@ def analyse_map(dataset: Dataset, level: float = 0.9, expected: Sequence[float] 
         widest=widest_range(ranges),
         dip_variables=(*snr, "cdp"),
         dips=tuple(dip for dip in dips if dip.variable != "cdp" or dip.highest >= _LEAST_CDP),
-        isolines=isolines(found, x, y, LEVELS) if y else (),
+        isolines=isolines(cdp_map, x, y, LEVELS) if y else (),
     )

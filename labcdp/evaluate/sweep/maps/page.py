@@ -70,10 +70,10 @@ def _page(result: Result, view: MapView) -> Page:
 
 def _answer(view: MapView) -> str:
     """Return where CDP is high enough, without full stop."""
-    one, level = view.analysis.widest, view.analysis.level
-    if one is not None and one.widest is not None:
-        x, at = view.map.axes[one.axis], at_text(one.at, view.map.axes)
-        where = f"{axis_name(x)} {ends_text(x, one.widest)} {axis_unit(x)}".rstrip()
+    widest, level = view.analysis.widest, view.analysis.level
+    if widest is not None and widest.widest is not None:
+        x, at = view.map.axes[widest.axis], at_text(widest.at, view.map.axes)
+        where = f"{axis_name(x)} {ends_text(x, widest.widest)} {axis_unit(x)}".rstrip()
         return f"CDP is at least {level:g} for {where}{at and f', widest at {at}'}"
     highest = significant(float(view.map.dataset["cdp"].max()), 3)
     return f"CDP is at most {highest}" + (f", nowhere {level:g}" if view.analysis.usable_ranges else "")
@@ -84,8 +84,8 @@ def _cards(view: MapView) -> list[Card]:
     analysis, ranges, cards = view.analysis, view.analysis.usable_ranges, []
     varied = {name for usable in ranges for name in usable.at if view.map.axes[name].values.size > 1}
     each = varied == {TO_DETECT} and len(ranges) <= _MOST_CARDS
-    for one in ranges if each else [analysis.widest or ranges[0]] if ranges else []:
-        cards.append(_range(view, one, not each and len(ranges) > 1))
+    for shown_range in ranges if each else [analysis.widest or ranges[0]] if ranges else []:
+        cards.append(_range(view, shown_range, not each and len(ranges) > 1))
     for variable in analysis.dip_variables:
         dips = [dip for dip in analysis.dips if dip.variable == variable]
         if dips:

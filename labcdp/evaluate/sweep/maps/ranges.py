@@ -151,8 +151,8 @@ def usable_ranges(cdp_map: CdpMap, axis: str, level: float = 0.9) -> tuple[Usabl
 
 def widest_range(ranges: tuple[UsableRange, ...]) -> UsableRange | None:
     """Return the range whose widest interval is the widest of all; None if all are empty."""
-    found = [(usable.widest.width, usable) for usable in ranges if usable.widest]
-    return max(found, key=lambda entry: entry[0])[1] if found else None
+    candidates = [(usable.widest.width, usable) for usable in ranges if usable.widest]
+    return max(candidates, key=lambda entry: entry[0])[1] if candidates else None
 
 
 def _intervals(axis: MapAxis, values: NDArray[np.float64], level: float) -> tuple[UsableInterval, ...]:

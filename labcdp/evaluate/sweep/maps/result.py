@@ -54,15 +54,15 @@ def result(
     findings : sequence of Finding
         Findings of the sweep.
     """
-    found = CdpMap.of(dataset)
+    cdp_map = CdpMap.of(dataset)
     small = dataset["cdp"].size <= _MOST_CELLS
     tables = [
-        *([ranges_table(analysis, found.axes), _dips(found, analysis)] if analysis.usable_ranges else []),
-        *([_cells(found), *_matrices(found)] if small else []),
-        *([_isolines(found, analysis)] if analysis.isolines else []),
+        *([ranges_table(analysis, cdp_map.axes), _dips(cdp_map, analysis)] if analysis.usable_ranges else []),
+        *([_cells(cdp_map), *_matrices(cdp_map)] if small else []),
+        *([_isolines(cdp_map, analysis)] if analysis.isolines else []),
     ]
     attributes = {name: value for name, value in dataset.attrs.items() if name not in _KNOWN}
-    values = {name: axis.values.tolist() for name, axis in found.axes.items()}
+    values = {name: axis.values.tolist() for name, axis in cdp_map.axes.items()}
     chain = str(dataset.attrs.get("chain", ""))
     seed = dataset.attrs.get("seed")
     return Result(

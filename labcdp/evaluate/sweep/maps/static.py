@@ -43,14 +43,14 @@ def _heat_maps(view: MapView) -> Figure:
     figure.set_layout_engine("compressed", w_pad=0.1)  # numbers at the ends of neighbours do not meet
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True).ravel()
     handles: dict[str, Any] = {}
-    for number, (place, (at, section)) in enumerate(zip(grid, view.parts, strict=False)):
-        mesh = heat_map(place, x, y, section["cdp"].values, cmap=SCALE, vmin=0, vmax=1)
-        handles |= _draw_lines(place, view, at)
+    for number, (axes, (at, section)) in enumerate(zip(grid, view.parts, strict=False)):
+        mesh = heat_map(axes, x, y, section["cdp"].values, cmap=SCALE, vmin=0, vmax=1)
+        handles |= _draw_lines(axes, view, at)
         # With axes shared, only those at the rim are labelled; above a hidden panel is the rim, too.
         rim = number + columns >= n
         text = "\n".join(wrap(view.text_of(at), _TITLE_CHARACTERS))
-        drawing.label(place, axis_label(x) if rim else "", axis_label(y) if number % columns == 0 else "", text)
-        place.tick_params(labelbottom=rim)
+        drawing.label(axes, axis_label(x) if rim else "", axis_label(y) if number % columns == 0 else "", text)
+        axes.tick_params(labelbottom=rim)
     for empty in grid[n:]:
         empty.set_visible(False)
     bar = figure.colorbar(mesh, ax=list(grid[:n]), ticks=np.linspace(0, 1, 6))

@@ -91,12 +91,12 @@ class MapView:
     @classmethod
     def of(cls, dataset: Dataset, analysis: MapAnalysis) -> MapView:
         """Choose what is drawn: of too many sections some, evenly spread from the first to the last."""
-        found = CdpMap.of(dataset)
-        count = prod(axis.values.size for name, axis in found.axes.items() if name not in found.spanned)
-        most = len(COLOURS) if found.y is None else MOST_PANELS
+        cdp_map = CdpMap.of(dataset)
+        count = prod(axis.values.size for name, axis in cdp_map.axes.items() if name not in cdp_map.spanned)
+        most = len(COLOURS) if cdp_map.y is None else MOST_PANELS
         chosen = set(np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist())
-        parts = [part for index, part in enumerate(found.sections(*found.spanned)) if index in chosen]
-        return cls(found, analysis, parts, count - len(parts))
+        parts = [part for index, part in enumerate(cdp_map.sections(*cdp_map.spanned)) if index in chosen]
+        return cls(cdp_map, analysis, parts, count - len(parts))
 
     @property
     def marked(self) -> bool:
@@ -119,14 +119,14 @@ class MapView:
 
         These are the isolines, numbered by their levels, and without number the widest usable range if it lies there.
         """
-        x, y, one = self.map.x, self.map.y, self.analysis.widest
+        x, y, usable = self.map.x, self.map.y, self.analysis.widest
         assert y is not None
         for number, level in enumerate(sorted({line.level for line in self.analysis.isolines})):
-            own = [line for line in self.analysis.isolines if line.at == at and line.level == level]
-            yield f"CDP {level:g}", number, [(shown(x, line.x), shown(y, line.y)) for line in own]
-        if one is not None and one.widest is not None and all(one.at[name] == at[name] for name in at):
-            ends = shown(x, [one.widest.low, one.widest.high]), shown(y, [one.at[y.name]] * 2)
-            yield f"widest usable range, {ends_text(x, one.widest)} {axis_unit(x)}".rstrip(), None, [ends]
+            lines = [line for line in self.analysis.isolines if line.at == at and line.level == level]
+            yield f"CDP {level:g}", number, [(shown(x, line.x), shown(y, line.y)) for line in lines]
+        if usable is not None and usable.widest is not None and all(usable.at[name] == at[name] for name in at):
+            ends = shown(x, [usable.widest.low, usable.widest.high]), shown(y, [usable.at[y.name]] * 2)
+            yield f"widest usable range, {ends_text(x, usable.widest)} {axis_unit(x)}".rstrip(), None, [ends]
 
     def curves(self) -> tuple[list[Line], list[Line]]:
         """Return the curves of CDP and of SNR: of a single section all SNR, of several the one searched for dips.
@@ -141,9 +141,11 @@ class MapView:
         free = [name for name in _SNR_COLOURS if name not in COLOURS[: len(self.parts)]] or _SNR_COLOURS
         for colour, (at, section) in zip(COLOURS, self.parts, strict=False):
             cdp.append(self._line(at, section, "cdp", self.text_of(at) if several else "CDP", colour))
-            own = self.text_of({name: value for name, value in at.items() if name != TO_DETECT}) if several else ""
+            section_text = (
+                self.text_of({name: value for name, value in at.items() if name != TO_DETECT}) if several else ""
+            )
             for name, other in zip(names, cycle(free), strict=False) if at in apart else ():
-                of_name = (own, colour) if own else (VARIABLES[name].label, other)
+                of_name = (section_text, colour) if section_text else (VARIABLES[name].label, other)
                 snr.append(self._line(at, section, name, *of_name))
         return cdp, snr
 

@@ -95,8 +95,8 @@ def pixels_behind(signal: Signal) -> tuple[NDArray[Any], NDArray[Any], NDArray[n
 
 def distributions(luminance: NDArray[Any], masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, metrics.Distribution]:
     """Return the distribution of the luminance in each region that has pixels."""
-    found = ((region, luminance[mask]) for region, mask in masks.items())
-    return {region: metrics.Distribution.from_array(pixels) for region, pixels in found if pixels.size}
+    pixels_by_region = ((region, luminance[mask]) for region, mask in masks.items())
+    return {region: metrics.Distribution.from_array(pixels) for region, pixels in pixels_by_region if pixels.size}
 
 
 def evaluate_run(run: ChainRun, contrast: TargetContrasts = None, epsilon: float = 0.5) -> SimulationEvaluation:
@@ -136,8 +136,8 @@ def evaluate_stage(run: ChainRun, name: str, contrast: TargetContrasts = None, e
     pixels = luminance if one_pixel else None
     # Free a large frame before its distributions are used.
     del luminance
-    asked = contrast, epsilon
-    pairs = [row for pair in scene.pairs() for row in _pairs(name, pair, true_means, asked, seen, pixels)]
+    question = contrast, epsilon
+    pairs = [row for pair in scene.pairs() for row in _pairs(name, pair, true_means, question, seen, pixels)]
     regions = []
     for region, mask in masks.items():
         own_values = values[mask] if relative is None else without_fall_off(values[mask], relative[mask])
@@ -146,7 +146,7 @@ def evaluate_stage(run: ChainRun, name: str, contrast: TargetContrasts = None, e
         what = name, signal.quantity, signal.unit, region, true_means[region], native.mean, _deviation(native)
         regions.append(RegionRow(*(*_seen_region(signal, seen[region], mask), *what, *ratios)))
     full = {region.region: bool(region.bound) for region in regions}
-    bounded = (replace(one, bound=bound_of_contrast(full[one.bright], full[one.dark])) for one in pairs)
+    bounded = (replace(pair, bound=bound_of_contrast(full[pair.bright], full[pair.dark])) for pair in pairs)
     return StageRow(name, tuple(regions), tuple(bounded))
 
 
@@ -203,17 +203,17 @@ def _pairs(
     (dark, bright), (contrast, epsilon) = pair, task
     # 1.3 / 1 - 1 is not 0.3 in binary.
     true_contrast = round(true_means[bright] / true_means[dark] - 1, 12) if true_means[dark] else inf
-    asked = [true_contrast if one is None else one for one in each_contrast(contrast)]
+    targets = [true_contrast if target is None else target for target in each_contrast(contrast)]
     names, regions = (stage, dark, bright), (seen[bright], seen[dark])
-    if max(region.values[-1] for region in regions) <= 0 or not all(map(isfinite, asked)):
+    if max(region.values[-1] for region in regions) <= 0 or not all(map(isfinite, targets)):
         nothing = Quantity(nan, nan)
         row = PairRow(*names, true_contrast, nan, nan, None, None, nothing, nothing, metrics.d_prime(*regions))
-        yield from repeat(row, len(asked))
+        yield from repeat(row, len(targets))
         return
     means = metrics.weber_contrast_of_means(*regions), _mean_contrast(*regions)
     ratios = metrics.csnr(*regions), metrics.cnr(*regions), metrics.d_prime(*regions)
-    neighbours = repeat(None, len(asked)) if pixels is None else metrics.cdp_neighbours(pixels, asked, epsilon)
-    for cdp, of_pixels in zip(metrics.cdp(*regions, asked, epsilon), neighbours, strict=True):
+    neighbours = repeat(None, len(targets)) if pixels is None else metrics.cdp_neighbours(pixels, targets, epsilon)
+    for cdp, of_pixels in zip(metrics.cdp(*regions, targets, epsilon), neighbours, strict=True):
         yield PairRow(*names, true_contrast, *means, cdp, of_pixels, *ratios)
 
 

@@ -35,18 +35,18 @@ _Points = Sequence[tuple[StageRow, PairRow]]
 
 def along_figures(evaluation: SimulationEvaluation) -> list[ReportFigure]:
     """Draw CDP at each contrast and SNR along the chain, for each sensor and each pair of regions."""
-    asked, figures, branches = each_contrast(evaluation.contrast), [], evaluation.run.chain.branches
-    for own, names in branches.items():
-        key = f"{file_name(own)}-" if len(branches) > 1 else ""
+    targets, figures, branches = each_contrast(evaluation.contrast), [], evaluation.run.chain.branches
+    for branch, names in branches.items():
+        key = f"{file_name(branch)}-" if len(branches) > 1 else ""
         stages = [stage for stage in evaluation.stages if stage.name in names]
-        for number, first in enumerate(range(0, len(stages[0].pairs), len(asked)), start=1):
-            lines = [[(stage, stage.pairs[first + index]) for stage in stages] for index in range(len(asked))]
+        for number, first in enumerate(range(0, len(stages[0].pairs), len(targets)), start=1):
+            lines = [[(stage, stage.pairs[first + index]) for stage in stages] for index in range(len(targets))]
             row = stages[0].pairs[first]
             pair, kind = pair_name(row), "region to region" if row.neighbours is None else "nearest-neighbour"
             figures.append(
                 ReportFigure(
                     f"chain-{key}{number}.png",
-                    _along(dict(zip(asked, lines, strict=True))),
+                    _along(dict(zip(targets, lines, strict=True))),
                     f"CDP along the chain, {pair}, {kind}, with 95 % intervals; SNR of {row.bright}, of the values "
                     "(also in dB, 10 lg) and of the luminance they stand for.",
                     f"CDP and SNR after each stage, {pair}.",
@@ -103,9 +103,9 @@ def shown_distribution(values: NDArray[Any]) -> Distribution:
         return Distribution.from_array(values)
     counts, sums = np.zeros(_MOST_VALUES), np.zeros(_MOST_VALUES)
     for row in values:
-        place = ((row - low) * (_MOST_VALUES * (1 - 1e-6) / (high - low))).astype(np.intp)
-        counts += np.bincount(place, minlength=_MOST_VALUES)
-        sums += np.bincount(place, weights=row, minlength=_MOST_VALUES)
+        bins = ((row - low) * (_MOST_VALUES * (1 - 1e-6) / (high - low))).astype(np.intp)
+        counts += np.bincount(bins, minlength=_MOST_VALUES)
+        sums += np.bincount(bins, weights=row, minlength=_MOST_VALUES)
     hit = counts > 0
     return Distribution(sums[hit] / counts[hit], counts[hit].astype(np.int64))
 
@@ -156,9 +156,9 @@ def _along(lines: Mapping[float | None, _Points]) -> bytes:
     above, below = figure.subplots(2, 1, sharex=True)
     if len(lines) == 1:
         _draw_cdp(above, points, drawing.BLUE)
-    for colour, asked in zip(COLOURS, list(lines)[:: ceil(len(lines) / len(COLOURS))], strict=False):
-        if len(lines) > 1 and asked is not None:
-            _draw_cdp(above, lines[asked], colour, f"{percent(asked, 4)}")
+    for colour, target in zip(COLOURS, list(lines)[:: ceil(len(lines) / len(COLOURS))], strict=False):
+        if len(lines) > 1 and target is not None:
+            _draw_cdp(above, lines[target], colour, f"{percent(target, 4)}")
     bright = [next(row for row in stage.regions if row.region == pair.bright) for stage, pair in points]
     texts = [f"{row.snr_10log10_db.value:.1f} dB" for row in bright]
     values, luminance = (np.array([getattr(row, name).value for row in bright]) for name in ("snr", "luminance_snr"))
@@ -177,18 +177,18 @@ def _along(lines: Mapping[float | None, _Points]) -> bytes:
 
 def _draw_cdp(axes: Axes, points: _Points, colour: str, text: str = "") -> None:
     """Draw CDP with its intervals, as text or with a name in the legend."""
-    found = [
+    indexed = [
         (index, pair.cdp if pair.neighbours is None else pair.neighbours) for index, (_, pair) in enumerate(points)
     ]
-    known = [(index, one.cdp, *one.interval) for index, one in found if one is not None]
+    known = [(index, cdp.cdp, *cdp.interval) for index, cdp in indexed if cdp is not None]
     if known:
         places, cdp, low, high = np.array(known).T
         axes.plot(places, cdp, "o-", color=colour, linewidth=1.5, markersize=5, label=text or None)
         # A bar cannot have a negative length, which an interval by another method than the point's may ask for.
         bars = np.clip(np.nan_to_num([cdp - low, high - cdp]), 0, None)
         axes.errorbar(places, cdp, yerr=bars, fmt="none", ecolor="black", capsize=3, elinewidth=1.0)
-        for place, value, top in () if text else zip(places, cdp, cdp + bars[1], strict=True):
-            _write_above(axes, place, top, f"{value:.3f}")
+        for x, value, top in () if text else zip(places, cdp, cdp + bars[1], strict=True):
+            _write_above(axes, x, top, f"{value:.3f}")
     axes.set_ylim(-0.05, 1.2)
     axes.set_yticks(np.linspace(0, 1, 6))
     drawing.label(axes, "", "CDP", "CDP after each stage, with 95 % intervals")
@@ -219,9 +219,9 @@ def _draw_snr(axes: Axes, values: NDArray[np.float64], luminance: NDArray[np.flo
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     else:
         axes.set_yticks([])
-    for place in np.flatnonzero(values > 0).tolist():
-        shown = values[place] <= LARGEST_SNR
-        _write_above(axes, place, values[place] if shown else top, texts[place] if shown else "∞")
+    for index in np.flatnonzero(values > 0).tolist():
+        shown = values[index] <= LARGEST_SNR
+        _write_above(axes, index, values[index] if shown else top, texts[index] if shown else "∞")
     drawing.label(axes, "", "SNR (mean/std)", "SNR after each stage")
 
 

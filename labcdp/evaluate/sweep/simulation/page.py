@@ -45,8 +45,8 @@ def simulation_files(result: Result, evaluation: SimulationEvaluation) -> dict[s
         detection = result.table("detection")
         details += [detection, _RATIOS, signal]
         pair = () if len({*zip(detection["bright"], detection["dark"], strict=True)}) == 1 else ("bright", "dark")
-        asked = ("contrast",) if isinstance(evaluation.contrast, tuple) else ()
-        short = detection.showing("stage", *pair, *asked, "measured_contrast", "cdp", "cdp_neighbours")
+        target_column = ("contrast",) if isinstance(evaluation.contrast, tuple) else ()
+        short = detection.showing("stage", *pair, *target_column, "measured_contrast", "cdp", "cdp_neighbours")
         if len(short) > _MOST_ROWS:
             short = short.select([n for n, stage in enumerate(short["stage"]) if stage in final])
     sections = [
@@ -76,14 +76,14 @@ def _page(
 ) -> Page:
     """Return the page: answer and cards behind the last stages, what leads, sections, and the chain."""
     detection = next((table for table in result.tables if table.name == "detection"), None)
-    asked = result.configuration["contrast"]
+    target = result.configuration["contrast"]
     seed = [] if result.seed is None else [("Random seed", str(result.seed))]
     facts = facts_table([("Chain", f"{chain.name}: {chain.description}"), *seed])
     return Page.of(
         result,
         kind,
-        summary=(answer(detection, final, chain, asked) if detection is not None else "") or chain.description,
-        cards=[] if detection is None else _cards(detection, final, asked),
+        summary=(answer(detection, final, chain, target) if detection is not None else "") or chain.description,
+        cards=[] if detection is None else _cards(detection, final, target),
         lead=lead,
         sections=[*sections, Section("Chain and provenance", (facts, Verbatim(chain.to_toml())), collapsed=True)],
     )
@@ -99,8 +99,8 @@ def _cards(detection: Table, final: Sequence[str], contrast: TargetContrasts) ->
             continue
         value, interval = cell_value(cdp, row), cell_interval(cdp, row)
         kind = "CDP, nearest-neighbour" if neighbours else "CDP"
-        asked = row.get("contrast", contrast)
-        at = "" if asked is None else percent(asked, 4)
+        target = row.get("contrast", contrast)
+        at = "" if target is None else percent(target, 4)
         lines = [f"target contrast {at}"] if at and not several else []
         if "measured_contrast" in row:
             lines.append(f"measured {cell_text(detection.column('measured_contrast'), row)} %")

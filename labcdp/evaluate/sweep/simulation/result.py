@@ -147,15 +147,15 @@ def result(evaluation: SimulationEvaluation, inputs: Sequence[InputFile] = ()) -
     if any(pair.neighbours is not None for pair in pairs):
         neighbours = _detection("neighbours", "_neighbours", "CDP, nearest-neighbour")
         note += "; nearest-neighbour: of each pixel and its right and its lower neighbour"
-    asked = evaluation.contrast if isinstance(evaluation.contrast, tuple) else ()
+    targets = evaluation.contrast if isinstance(evaluation.contrast, tuple) else ()
     contrast = (
-        replace(column, shown=column.shown or (bool(asked) and column.name == _TARGET.name)) for column in _CONTRAST
+        replace(column, shown=column.shown or (bool(targets) and column.name == _TARGET.name)) for column in _CONTRAST
     )
     columns = (*contrast, *_detection("cdp", "", "CDP"), *neighbours, *_RATIOS)
     detection = Table.of_items("detection", _TITLE, columns, pairs, f"{note}.")
-    if asked:
+    if targets:
         # Also of pairs without light, which have no CDP.
-        detection = replace(detection, data={**detection.data, _TARGET.name: asked * (len(pairs) // len(asked))})
+        detection = replace(detection, data={**detection.data, _TARGET.name: targets * (len(pairs) // len(targets))})
     signal = Table.of_items("signal", "Signal and noise", _SIGNAL, regions)
     return Result(
         "simulate",
@@ -193,15 +193,15 @@ def predicted_result(
     from ....chain.predict.chain import predict_chain
 
     stages = chain.stage_names[len(chain.before) + 1 :] or chain.stage_names[-1:]
-    found = {stage: predict_chain(chain, stage=stage, contrast=contrast, epsilon=epsilon) for stage in stages}
+    predictions = {stage: predict_chain(chain, stage=stage, contrast=contrast, epsilon=epsilon) for stage in stages}
     rows: list[dict[str, Any]] = [
         {
             "stage": stage,
-            _TARGET.name: asked,
+            _TARGET.name: target,
             **{column.name: _finite_snr(column.name, getattr(prediction, column.name)[index]) for column in _PREDICTED},
         }
-        for stage, prediction in found.items()
-        for index, asked in enumerate(each_contrast(contrast))
+        for stage, prediction in predictions.items()
+        for index, target in enumerate(each_contrast(contrast))
     ]
     full = [
         finding
@@ -226,19 +226,21 @@ def predicted_result(
 def answer(detection: Table, final: Sequence[str], chain: Chain, contrast: TargetContrasts = None) -> str:
     """Return what a chain detects after the stages `final`, and which stage costs most of it, in a sentence."""
     rows = [{"bright": "bright", "dark": "dark", **row} for row in detection.rows()]
-    found = [row for row in rows if row["stage"] in final and row["cdp"] is not None]
-    if not found:
+    candidates = [row for row in rows if row["stage"] in final and row["cdp"] is not None]
+    if not candidates:
         return ""
-    name = "cdp_neighbours" if found[0].get("cdp_neighbours") is not None else "cdp"
+    name = "cdp_neighbours" if candidates[0].get("cdp_neighbours") is not None else "cdp"
     n = len(each_contrast(contrast))
     # The rows of a pair at all contrasts follow each other.
-    found = [max(found[first : first + n], key=lambda row: row[name]) for first in range(0, len(found), n)]
+    candidates = [
+        max(candidates[first : first + n], key=lambda row: row[name]) for first in range(0, len(candidates), n)
+    ]
     of = f" (the largest of {n} contrasts)" if n > 1 else ""
-    lowest = min(found, key=lambda row: row[name])
-    asked = lowest.get("contrast", contrast)
-    what = "contrast of the scene" if asked is None else percent(asked, 4)
-    stages = {row["stage"] for row in found}
-    worst = f"Worst of {len(found)}{' pairs' if len(stages) == 1 else ''}: " if len(found) > 1 else ""
+    lowest = min(candidates, key=lambda row: row[name])
+    target = lowest.get("contrast", contrast)
+    what = "contrast of the scene" if target is None else percent(target, 4)
+    stages = {row["stage"] for row in candidates}
+    worst = f"Worst of {len(candidates)}{' pairs' if len(stages) == 1 else ''}: " if len(candidates) > 1 else ""
     sentence = (
         f"{worst}{lowest['bright']} / {lowest['dark']} ({what}), CDP {lowest[name]:.3f} after {lowest['stage']}{of}"
     )

@@ -122,8 +122,8 @@ def noted(note: Callable[[str, dict[str, Any]], object], content: dict[str, Any]
     """
 
     def refuse(error: IncompleteFrameError) -> None:
-        found = {"reason": str(error), "status": error.status, "frame_id": error.frame_id}
-        note(REFUSED, content | found)
+        refusal = {"reason": str(error), "status": error.status, "frame_id": error.frame_id}
+        note(REFUSED, content | refusal)
         take_again(error)
 
     return refuse
@@ -237,7 +237,10 @@ def no_bare_session(path: Path) -> Iterator[None]:
         with suppress(SessionError):
             if new and holds_something(path):
                 with Session.open(path, writable=True) as session:
-                    if all(isinstance(one, EventRecord) and one.kind in _OF_A_NEW_SESSION for one in session.records):
+                    if all(
+                        isinstance(record, EventRecord) and record.kind in _OF_A_NEW_SESSION
+                        for record in session.records
+                    ):
                         session.remove()
         raise
 

@@ -152,10 +152,10 @@ def read_picture(file: ImportFile, configuration: SessionConfiguration) -> FileF
 def _require_bench(configuration: SessionConfiguration, read: FileFrame) -> None:
     """Refuse a picture that is not of the configured camera, lens and target."""
     for name in ("vendor", "model", "serial"):
-        wanted, found = getattr(configuration.camera, name), getattr(read.frame.camera, name)
-        if wanted is not None and wanted.casefold() != found.casefold():
+        wanted, stated = getattr(configuration.camera, name), getattr(read.frame.camera, name)
+        if wanted is not None and wanted.casefold() != stated.casefold():
             raise InputError(
-                f"{read.path} is by a camera with {name} {found!r}, the configuration says {wanted!r}: correct "
+                f"{read.path} is by a camera with {name} {stated!r}, the configuration says {wanted!r}: correct "
                 f"camera.{name}, or give pictures of that camera"
             )
     lens = configuration.lens
@@ -175,7 +175,7 @@ def _require_bench(configuration: SessionConfiguration, read: FileFrame) -> None
 def _require_alike(first: FileFrame, read: FileFrame) -> None:
     """Refuse a picture that differs from the first in anything but exposure and light."""
     a, b = first.frame, read.frame
-    for name, expected, found in (
+    for name, expected, actual in (
         ("camera", str(a.camera), str(b.camera)),
         ("image size", f"{a.shape[1]} x {a.shape[0]}", f"{b.shape[1]} x {b.shape[0]}"),
         ("pixel format", a.pixel_format, b.pixel_format),
@@ -185,12 +185,12 @@ def _require_alike(first: FileFrame, read: FileFrame) -> None:
         ("f-number", first.f_number, read.f_number),
         ("focal length", first.focal_length_m, read.focal_length_m),
     ):
-        if expected != found:
+        if expected != actual:
             raise InputError(
-                f"{name} of {read.path} is {found}, that of {first.path} is {expected}: give pictures of one camera "
+                f"{name} of {read.path} is {actual}, that of {first.path} is {expected}: give pictures of one camera "
                 "with one setting, and other exposures only"
             )
-    mine, theirs = (one.black_level_dn or 0.0 for one in (a, b))
+    mine, theirs = (settings.black_level_dn or 0.0 for settings in (a, b))
     if abs(mine - theirs) > _BLACK_TOLERANCE * a.saturation_dn:
         raise InputError(
             f"black level of {read.path} is {theirs:g} DN, that of {first.path} is {mine:g} DN: give pictures with one "

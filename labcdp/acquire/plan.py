@@ -225,13 +225,13 @@ def check_devices(camera: Camera, meter: Meter, configuration: SessionConfigurat
     """
     wanted = configuration.camera
     for name in ("vendor", "model", "serial"):
-        expected, found = getattr(wanted, name), getattr(camera.identity, name)
-        if expected is not None and expected != found:
+        expected, actual = getattr(wanted, name), getattr(camera.identity, name)
+        if expected is not None and expected != actual:
             of, do = "camera", "connect that camera"
             if camera.identity.simulated:
                 of, do = "simulated camera", "describe that one for --simulated-bench (labcdp init simulated-bench)"
             raise CameraNotFoundError(
-                f"the {of}'s {name} is {found!r}, the configuration says {expected!r}: {do} or correct camera.{name}"
+                f"the {of}'s {name} is {actual!r}, the configuration says {expected!r}: {do} or correct camera.{name}"
             )
     if meter.identity.model != configuration.meter.model:
         raise SessionError(

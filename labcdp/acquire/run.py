@@ -210,14 +210,14 @@ def _search(
             return Look.at(frames.look(exposure_s), regions)
 
         rates += measure_rates(look, [region.name for region in regions], range_s)
-    found = choose_exposures(rates, range_s)
-    applied = [frames.configure(exposure_s).exposure_s for exposure_s in found.exposures_s]
-    findings = [asdict(finding) for finding in found.findings]
-    content = {"exposures_s": applied, "frames": len(looks), "shares": found.shares, "findings": findings}
+    choice = choose_exposures(rates, range_s)
+    applied = [frames.configure(exposure_s).exposure_s for exposure_s in choice.exposures_s]
+    findings = [asdict(finding) for finding in choice.findings]
+    content = {"exposures_s": applied, "frames": len(looks), "shares": choice.shares, "findings": findings}
     session.add_event(EXPOSURES, content)
     note = f"Exposures found: {', '.join(map(exposure_text, applied))}"
     report(Progress("exposure search", len(looks), len(looks), note=note))
-    for finding in found.findings:
+    for finding in choice.findings:
         _log.warning("%s", finding)
     check_room(camera, session)
 
@@ -320,7 +320,7 @@ class _Run:
         again = True
         while again:
             numbers = self._frames.glance(min(exposures_s), shown)
-            findings = [one for one in check_levels(numbers) if one.check == "saturation"]
+            findings = [finding for finding in check_levels(numbers) if finding.check == "saturation"]
             if shown is None and len(findings) == len(self._frames.regions(shown)):
                 raise InputError(
                     f"all patches are saturated at {exposure_text(min(exposures_s))}, the shortest planned: "

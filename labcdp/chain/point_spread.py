@@ -69,7 +69,7 @@ def checked_mtf(table: Any) -> MtfTable:
     rising = pairs.shape[0] > 1 and frequency[-1] <= _MOST_LP_PER_MM and (np.diff(frequency) > 0).all()
     if not (rising and frequency[0] == 0 and modulation[0] == 1 and ((modulation >= 0) & (modulation <= 1)).all()):
         raise InputError(f"mtf is {shown(pairs.tolist())}: {how}", key="mtf")
-    return tuple((float(frequency), float(mtf)) for frequency, mtf in pairs)
+    return tuple((float(lp_per_mm), float(mtf)) for lp_per_mm, mtf in pairs)
 
 
 def measured_mtf(frequency_per_m: FloatArray, table: Sequence[tuple[float, float]]) -> FloatArray:

@@ -227,8 +227,8 @@ def paired_errors(first: RegionPixels, second: RegionPixels) -> list[PairError]:
     nothing = np.zeros(())
     return [
         *zip(first.common, second.common, strict=True),
-        *((error, nothing) for error in first.own),
-        *((nothing, error) for error in second.own),
+        *((error, nothing) for error in first.region_errors),
+        *((nothing, error) for error in second.region_errors),
     ]
 
 

@@ -80,7 +80,7 @@ def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionLight:
 
 def measure_region(region: RegionPixels) -> RegionLight:
     """Evaluate one region as `evaluate_region`."""
-    errors = [*region.common, *region.own, *region.smooth]
+    errors = [*region.common, *region.region_errors, *region.smooth]
     ratio = snr(region.distribution)
     changed = [[snr(region.changed(sign * x)).value for sign in (1, -1)] for x in errors if x.ndim]
     return region_light(region, errors, ratio, float(variance_of_changes(ratio.value, changed)))
@@ -172,7 +172,7 @@ class RegionPixels(NoisyRegion):
         return all(isfinite(error) for error in self._calibration_errors if isinstance(error, float))
 
     @cached_property
-    def own(self) -> list[_Array]:
+    def region_errors(self) -> list[_Array]:
         """Relative errors common to its pixels only: vignetting and dark signal."""
         slow_rel, slow_cd_m2 = self.luminance.slow_rel, self.luminance.slow_cd_m2
         errors = [np.asarray(slow_rel)] if slow_rel else []

@@ -127,13 +127,13 @@ def csnr(a: Region, b: Region) -> Quantity:
     if not np.isfinite(ratio):
         return Quantity(ratio, nan)
     influences = []
-    for region, values, own, own_square, other, other_square in (
+    for region, values, moment, moment_square, other, other_square in (
         (bright, bright.values, above, above_square, below, below_square),
         (dark, inverse, below, below_square, above, above_square),
     ):
-        off = values - own
+        off = values - moment
         by_mean = off * other
-        by_variance = (off**2 - own_square) * (other_square + other**2) + 2 * own * off * other_square
+        by_variance = (off**2 - moment_square) * (other_square + other**2) + 2 * moment * off * other_square
         influences.append((region, by_mean / sqrt(variance) - ratio / (2 * variance) * by_variance))
     return Quantity(ratio, _u(*influences))
 

@@ -84,8 +84,8 @@ def detect_checkerboard(grey: NDArray[Any], *, margin_rel: float = 0.15) -> tupl
         # Corners of a reduced image, or of few neighbours, are not where the whole one shows them.
         coarse = max(values.shape) > LONGEST_PX or known(proposal).sum() == _FEWEST
         corners = real_corners(_upright(_sharpened(proposal, side_px, smooth) if coarse else proposal), smooth)
-        if known(corners).sum() >= _FEWEST and (found := _squares(without_outliers(corners), smooth, margin_rel)):
-            return found
+        if known(corners).sum() >= _FEWEST and (squares := _squares(without_outliers(corners), smooth, margin_rel)):
+            return squares
     raise InputError(
         f"no checkerboard was found in the image of {values.shape[1]} x {values.shape[0]} pixels: show at least "
         "4 x 4 whole squares of at least 8 pixels, in focus and not covered, or draw the regions"
@@ -112,8 +112,8 @@ def _corners(grey: NDArray[np.uint8], scale: float) -> Iterator[Corners]:
     import cv2
 
     flags = cv2.CALIB_CB_LARGER | cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE
-    found, places, meta = cv2.findChessboardCornersSBWithMeta(grey, (_FEWEST_ALONG, _FEWEST_ALONG), flags)
-    if found:
+    detected, places, meta = cv2.findChessboardCornersSBWithMeta(grey, (_FEWEST_ALONG, _FEWEST_ALONG), flags)
+    if detected:
         yield (places.reshape(*meta.shape, 2).astype(np.float64) + 0.5) / scale
 
 
@@ -131,10 +131,10 @@ def _sharpened(corners: Corners, side_px: float, image: FloatImage) -> Corners:
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 40, 0.005)
     start = (corners - 0.5).astype(np.float32).reshape(-1, 1, 2)
     end: NDArray[np.float32] = cv2.cornerSubPix(image, start, (window, window), (-1, -1), stop)
-    found = end.reshape(corners.shape).astype(np.float64) + 0.5
+    refined = end.reshape(corners.shape).astype(np.float64) + 0.5
     # Where all is blurred, a corner may run away in its window.
-    near = np.linalg.norm(found - corners, axis=-1, keepdims=True) < 0.1 * side_px
-    return np.where(near, found, corners)
+    near = np.linalg.norm(refined - corners, axis=-1, keepdims=True) < 0.1 * side_px
+    return np.where(near, refined, corners)
 
 
 def _smoothed(values: FloatImage, side_px: float) -> FloatImage:
@@ -254,7 +254,7 @@ def _outer(
         line = outer & np.roll(inner, step, axis)
         right = line & agreeing
         n_line, n_light, n_dark = (
-            np.sum(one, 1 - axis, keepdims=True) for one in (line, right & light, right & ~light)
+            np.sum(marked, 1 - axis, keepdims=True) for marked in (line, right & light, right & ~light)
         )
         kept |= right & (n_light > 0) & (n_dark > 0) & (n_light + n_dark >= _AGREEING * n_line)
     # A corner of the board hangs on two accepted lines, or on corners beside it.

@@ -77,47 +77,47 @@ def check_region(values: NDArray[Any], saturated: NDArray[np.bool_] | None, roi:
     height, width = values.shape
     window, mask = roi.window((height, width)), roi.mask((height, width))
     pixels = values[window].astype(np.float64)
-    found: list[Finding] = []
+    findings: list[Finding] = []
     count = int(mask.sum())
     if count < _FEW_PIXELS:
-        found.append(warning("region-few-pixels", roi.name, pixels=count, recommended=_FEW_PIXELS))
+        findings.append(warning("region-few-pixels", roi.name, pixels=count, recommended=_FEW_PIXELS))
     if saturated is not None:
         share = float(saturated[window][mask].mean())
         if share >= _SHARE:
-            found.append(warning("region-saturated", roi.name, share=share))
+            findings.append(warning("region-saturated", roi.name, share=share))
     valued = np.isfinite(pixels)
     if (missing := float(1 - valued[mask].mean())) >= _SHARE:
-        found.append(warning("region-missing-values", roi.name, share=missing))
+        findings.append(warning("region-missing-values", roi.name, share=missing))
     if (mask & valued).sum() >= _FEW_PIXELS / 4:
-        found += _uneven(pixels, mask & valued, mask, roi.name)
-    return tuple(found)
+        findings += _uneven(pixels, mask & valued, mask, roi.name)
+    return tuple(findings)
 
 
 def _uneven(pixels: _Array, usable: NDArray[np.bool_], mask: NDArray[np.bool_], name: str) -> list[Finding]:
-    found = []
+    findings = []
     depth = _depth(mask)
     margin = _edge_px(pixels, usable, depth)
     if margin:
-        found.append(warning("region-edge", name, margin_px=margin))
+        findings.append(warning("region-edge", name, margin_px=margin))
         usable = usable & (depth > margin)
     y, x = np.nonzero(usable)
     values = pixels[usable]
     if values.size < _FEW_PIXELS / 4:
-        return found
+        return findings
     trend = _trend(x, y, values)
     sigma = _noise(values - trend) + _ROUNDING * float(np.abs(values).max())
     span = float(np.ptp(np.percentile(trend, (1, 99))))
     level = abs(float(np.median(values)))
     if span > _TREND_REL * level and trend.std() > _TREND_TO_NOISE * sigma:
         if level:
-            found.append(warning("region-uneven", name, share=span / level))
+            findings.append(warning("region-uneven", name, share=span / level))
         else:
-            found.append(warning("region-uneven-around-0", name, span=span))
+            findings.append(warning("region-uneven-around-0", name, span=span))
     odd = np.abs(values - trend) > _ODD_SIGMA * sigma
     rest = values[~odd] - trend[~odd]
     if odd.any() and (values - trend).var() > (1 + _ODD_VARIANCE) * rest.var():
-        found.append(warning("region-odd-pixels", name, odd=int(odd.sum()), pixels=values.size, sigma=_ODD_SIGMA))
-    return found
+        findings.append(warning("region-odd-pixels", name, odd=int(odd.sum()), pixels=values.size, sigma=_ODD_SIGMA))
+    return findings
 
 
 def _depth(mask: NDArray[np.bool_]) -> NDArray[np.int64]:

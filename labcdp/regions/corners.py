@@ -68,14 +68,16 @@ def expected(corners: Corners) -> Corners:
     import cv2
 
     where = known(corners)
-    at, places = (np.argwhere(one)[:, ::-1].astype(np.float64) for one in (where, np.ones_like(where)))
+    at, places = (np.argwhere(cells)[:, ::-1].astype(np.float64) for cells in (where, np.ones_like(where)))
     plane = projected(homography(at, corners[where]), places).reshape(corners.shape)
     deviations = np.where(where[..., None], corners - plane, 0.0)
 
     def near(size: int) -> NDArray[np.float64]:
         """Mean deviation of the known corners in a square around each place."""
         how: dict[str, Any] = {"normalize": False, "borderType": cv2.BORDER_CONSTANT}
-        total, count = (cv2.boxFilter(one, -1, (size, size), **how) for one in (deviations, where.astype(np.float64)))
+        total, count = (
+            cv2.boxFilter(values, -1, (size, size), **how) for values in (deviations, where.astype(np.float64))
+        )
         return np.asarray(total / np.maximum(count, 1)[..., None])
 
     # A corner that is not known is one step further from the others.
@@ -94,8 +96,8 @@ def homography(at: NDArray[np.float64], places: NDArray[np.float64]) -> NDArray[
     """Return the matrix that projects a plane as it was seen; nan if the places give none."""
     import cv2
 
-    found = cv2.findHomography(at, places)[0]
-    return np.full((3, 3), np.nan) if found is None else np.asarray(found)
+    matrix = cv2.findHomography(at, places)[0]
+    return np.full((3, 3), np.nan) if matrix is None else np.asarray(matrix)
 
 
 def projected(matrix: NDArray[np.float64], at: NDArray[Any]) -> NDArray[np.float64]:
@@ -106,14 +108,14 @@ def projected(matrix: NDArray[np.float64], at: NDArray[Any]) -> NDArray[np.float
 
 def _sides(corners: Corners) -> NDArray[np.float64]:
     """Return the mean sides of the squares at each corner along rows and columns, shape (2, rows, columns, 2)."""
-    found = []
+    sides = []
     for axis in (1, 0):
         steps = np.moveaxis(np.diff(corners, axis=axis, prepend=np.nan, append=np.nan), axis, 0)
         before, after = steps[:-1], steps[1:]
         either = np.where(np.isnan(before), after, before)
         both = np.isfinite(before) & np.isfinite(after)
-        found.append(np.moveaxis(np.where(both, (before + after) / 2, either), 0, axis))
-    return np.array(found)
+        sides.append(np.moveaxis(np.where(both, (before + after) / 2, either), 0, axis))
+    return np.array(sides)
 
 
 def sampled(image: FloatImage, places: NDArray[np.float64]) -> NDArray[np.float64]:

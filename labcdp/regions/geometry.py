@@ -36,8 +36,8 @@ def require_simple(roi: Roi) -> None:
         return
     if shapely.MultiPoint(roi.corners).convex_hull.area == 0:
         raise InputError(f"region {roi.name!r} has no area: its corners lie on one line; draw it again")
-    place = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(polygon))
-    where = f" at x {float(place[1]):.6g}, y {float(place[2]):.6g}" if place else ""
+    position = re.search(r"\[(\S+) (\S+)\]", shapely.is_valid_reason(polygon))
+    where = f" at x {float(position[1]):.6g}, y {float(position[2]):.6g}" if position else ""
     raise InputError(f"region {roi.name!r} crosses itself{where}: give its corners in order around it")
 
 

@@ -70,8 +70,8 @@ def parse_imagej(data: bytes, name: str) -> tuple[Shape, ...]:
             errors.append(error)
     if not shapes:
         raise errors[0]
-    for one in errors:
-        _log.warning("a region is left out: %s", one)
+    for problem in errors:
+        _log.warning("a region is left out: %s", problem)
     # ImageJ's list shows the names of the entries, which differ; a name in a region may be left from its copy.
     times = Counter(shape.name for shape in shapes)
     return tuple(
@@ -173,9 +173,9 @@ def _rings(read: ImagejRoi, where: str) -> list[list[tuple[float, float]]]:
             f"{where} is a composite selection with curves, which labcdp does not read: make it a polygon "
             "(Edit > Selection > Interpolate)"
         ) from error
-    found = [[(float(x), float(y)) for x, y in ring] for ring in coordinates]
-    rings = [ring for ring in (one[:-1] if one and one[0] == one[-1] else one for one in found) if len(ring) > 2]
-    if not rings or len(rings) > _MOST_RINGS or not all(isfinite(v) for ring in rings for one in ring for v in one):
+    paths = [[(float(x), float(y)) for x, y in ring] for ring in coordinates]
+    rings = [ring for ring in (path[:-1] if path and path[0] == path[-1] else path for path in paths) if len(ring) > 2]
+    if not rings or len(rings) > _MOST_RINGS or not all(isfinite(v) for ring in rings for point in ring for v in point):
         raise InputError(f"{where} has {len(rings)} parts that can be used: give 1 to {_MOST_RINGS}")
     return rings
 

@@ -60,9 +60,9 @@ def largest_lattice(corners: _Array) -> dict[At, int]:
         if alike.sum() <= max(len(best), _FEWEST - 1):
             continue
         grown = _grown(seed, centres, sides, alike)
-        found = _fitting(grown, centres, sides)
-        if len(found) > len(best):
-            best = found
+        fitting = _fitting(grown, centres, sides)
+        if len(fitting) > len(best):
+            best = fitting
         else:
             in_vain[list(grown)] += 1
     return dict(sorted(best.items()))
@@ -80,7 +80,7 @@ def places_between(chart: Mapping[At, int], corners: _Array) -> dict[At, _Array]
     missing = np.argwhere((rows | columns) & ~taken) + first
     of_patches = np.moveaxis(corners[list(chart.values())], 1, 0)
     places = np.stack([_Grid(at[:, ::-1], ends).places(missing[:, ::-1]) for ends in of_patches], axis=1)
-    return {(int(i), int(j)): place for (i, j), place in zip(missing, places, strict=True)}
+    return {(int(i), int(j)): corners_at for (i, j), corners_at in zip(missing, places, strict=True)}
 
 
 def _alike(sides: _Array, seed: int) -> NDArray[np.bool_]:
@@ -95,7 +95,7 @@ def _grown(seed: int, centres: _Array, sides: _Array, alike: NDArray[np.bool_]) 
     places = np.abs(_seen_from(seed, centres, sides))
     beside = [places[alike & (places[:, 1 - axis] < _ASIDE) & (places[:, axis] > 0.9), axis] for axis in (0, 1)]
     steps = [float(distances.min(initial=np.inf)) for distances in beside]
-    found: dict[int, At] = {seed: (0, 0)}
+    at_of_patch: dict[int, At] = {seed: (0, 0)}
     # Those that are found join the patches that are looked at.
     for patch in (queue := [seed]):
         places = _seen_from(patch, centres, sides)
@@ -106,12 +106,12 @@ def _grown(seed: int, centres: _Array, sides: _Array, alike: NDArray[np.bool_]) 
             right = np.abs(places[:, axis] - count * steps[axis]) < _STRETCH * np.abs(count) * steps[axis]
             right &= alike & (np.abs(places[:, 1 - axis]) < _ASIDE) & (np.abs(count) <= _FARTHEST)
             for other in np.flatnonzero(right).tolist():
-                i, j = found[patch]
+                i, j = at_of_patch[patch]
                 at = (i, j + int(count[other])) if axis == 0 else (i + int(count[other]), j)
-                if other not in found and at not in found.values():
-                    found[other] = at
+                if other not in at_of_patch and at not in at_of_patch.values():
+                    at_of_patch[other] = at
                     queue.append(other)
-    return found
+    return at_of_patch
 
 
 def _seen_from(patch: int, centres: _Array, sides: _Array) -> _Array:
@@ -119,22 +119,22 @@ def _seen_from(patch: int, centres: _Array, sides: _Array) -> _Array:
     return np.asarray((centres - centres[patch]) @ np.linalg.inv(sides[patch]).T)
 
 
-def _fitting(found: Mapping[int, At], centres: _Array, sides: _Array) -> dict[At, int]:
+def _fitting(at_of_patch: Mapping[int, At], centres: _Array, sides: _Array) -> dict[At, int]:
     """Return the patches that lie on a plane grid as it is seen from somewhere; none if too few do."""
-    if len(found) < _FEWEST:
+    if len(at_of_patch) < _FEWEST:
         return {}
-    at, chosen = np.array(list(found.values()))[:, ::-1], np.array(list(found))
+    at, chosen = np.array(list(at_of_patch.values()))[:, ::-1], np.array(list(at_of_patch))
     grid = _Grid(at, centres[chosen])
     lengths = np.linalg.norm(sides[chosen], axis=1)
     off = np.linalg.norm(grid.places(at) - centres[chosen], axis=1) / lengths.min(axis=1)
     # A patch keeps its part of the distance to the next one, however far it is.
     parts = lengths / grid.steps(at, lengths)
     right = (off < _OFF) & (np.abs(parts / np.median(parts, axis=0) - 1) < _LARGER).all(axis=1)
-    kept = {place: patch for (patch, place), fits in zip(found.items(), right, strict=True) if fits}
+    kept = {cell: patch for (patch, cell), fits in zip(at_of_patch.items(), right, strict=True) if fits}
     size = np.ptp(at[right], axis=0) + 1 if kept else np.array([1, 1])
     # Any three patches off a line fit some grid.
     fewest = _FEWEST if size.min() == 1 else _FEWEST + 1
-    enough = len(kept) >= max(fewest, _FITTING * len(found)) and len(kept) >= _TAKEN * size.prod()
+    enough = len(kept) >= max(fewest, _FITTING * len(at_of_patch)) and len(kept) >= _TAKEN * size.prod()
     return kept if enough else {}
 
 
@@ -145,8 +145,8 @@ class _Grid:
         self._spread = np.ptp(at, axis=0) > 0
         self._is_plane = self._spread.all() and len(at) > 4
         self._powers = (1, 2) if len(at) > 4 else (1,)
-        found = homography(at.astype(np.float64), centres) if self._is_plane else None
-        self._matrix: NDArray[Any] = np.linalg.lstsq(self._terms(at), centres)[0] if found is None else found
+        matrix = homography(at.astype(np.float64), centres) if self._is_plane else None
+        self._matrix: NDArray[Any] = np.linalg.lstsq(self._terms(at), centres)[0] if matrix is None else matrix
 
     def places(self, at: NDArray[np.number]) -> _Array:
         return projected(self._matrix, at) if self._is_plane else np.asarray(self._terms(at) @ self._matrix)

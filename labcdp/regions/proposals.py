@@ -46,11 +46,11 @@ def propose_regions(image: NDArray[Any], size_px: int) -> tuple[PolygonShape, ..
     labels = superpixel_labels(image, size_px)
     joined = _joined(image, labels)
     outlines = [polygon for mask, corner in _pieces(joined, size_px) for polygon in _outlines(mask, corner)]
-    large = [one for one in outlines if one.area >= _SMALLEST * size_px**2]
-    large.sort(key=lambda one: (-one.area, one.bounds))
+    large = [outline for outline in outlines if outline.area >= _SMALLEST * size_px**2]
+    large.sort(key=lambda outline: (-outline.area, outline.bounds))
     return tuple(
-        PolygonShape(f"region {number}", tuple((float(x), float(y)) for x, y in one.exterior.coords[:-1]))
-        for number, one in enumerate(large, start=1)
+        PolygonShape(f"region {number}", tuple((float(x), float(y)) for x, y in outline.exterior.coords[:-1]))
+        for number, outline in enumerate(large, start=1)
     )
 
 
@@ -62,10 +62,10 @@ def _joined(image: NDArray[Any], labels: NDArray[np.int32]) -> NDArray[np.int32]
     # At a border the lens mixes the light of both sides.
     counted = inner(labels, _MARGIN_PX)
     counted |= np.bincount(labels[counted], minlength=int(labels.max()) + 1)[labels] == 0
-    own, values = labels[counted], np.where(np.isfinite(image), image, 0)[counted].astype(np.float64)
-    n = np.bincount(own)
-    mean = np.bincount(own, weights=values) / n
-    variance = np.bincount(own, weights=np.square(values - mean[own])) / np.maximum(n - 1, 1)
+    label, values = labels[counted], np.where(np.isfinite(image), image, 0)[counted].astype(np.float64)
+    n = np.bincount(label)
+    mean = np.bincount(label, weights=values) / n
+    variance = np.bincount(label, weights=np.square(values - mean[label])) / np.maximum(n - 1, 1)
     return _groups(neighbours(labels), n.astype(np.float64), mean, variance / n)[labels]
 
 
@@ -151,7 +151,7 @@ def _outlines(mask: NDArray[np.uint8], corner: tuple[int, int]) -> Iterator[Any]
 _COMMON_PART = 0.9
 
 
-def new_shapes(found: Iterable[Shape], known: Sequence[Shape]) -> tuple[Shape, ...]:
+def new_shapes(shapes: Iterable[Shape], known: Sequence[Shape]) -> tuple[Shape, ...]:
     """Return the shapes with a region that coincides with none of the known ones, whatever their names.
 
     Parameters
@@ -186,4 +186,4 @@ def new_shapes(found: Iterable[Shape], known: Sequence[Shape]) -> tuple[Shape, .
             for other in near
         )
 
-    return tuple(shape for shape in found if not all(is_there(shapely.Polygon(roi.corners)) for roi in shape.rois()))
+    return tuple(shape for shape in shapes if not all(is_there(shapely.Polygon(roi.corners)) for roi in shape.rois()))

@@ -239,8 +239,8 @@ def _shape(at: int, region: object) -> Shape:
     name, kind = region.get("name"), region.get("kind")
     where = f"region {quoted(name)}: " if isinstance(name, str) else f"regions[{at}]: "
     if not isinstance(kind, str) or kind not in _KINDS:
-        found = quoted(kind) if "kind" in region else "missing"
-        raise InputError(f"{where}kind is {found}: give one of {', '.join(_KINDS)}")
+        given = quoted(kind) if "kind" in region else "missing"
+        raise InputError(f"{where}kind is {given}: give one of {', '.join(_KINDS)}")
     parameters = fields(_KINDS[kind])
     needed = [field.name for field in parameters if field.default is MISSING]
     table = _table(region, ["kind", *(field.name for field in parameters)], needed, where)

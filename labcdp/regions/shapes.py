@@ -43,17 +43,17 @@ class _Named:
                 f"the name of a region is {quoted(name)}: give 1 to {MOST_QUOTED} printable characters, without spaces "
                 "at its ends"
             )
-        for one in fields(self):
-            if one.type == "float":
-                object.__setattr__(self, one.name, self._number(one.name, getattr(self, one.name)))
+        for parameter in fields(self):
+            if parameter.type == "float":
+                object.__setattr__(self, parameter.name, self._number(parameter.name, getattr(self, parameter.name)))
         if self.limits_cd_m2 is not None:
             low, high = self._pair("limits_cd_m2", self.limits_cd_m2, "two numbers [low, high]")
             if not 0 <= low < high:
                 raise self._error("limits_cd_m2", f"[{low:g}, {high:g}]", "0 <= low < high")
             object.__setattr__(self, "limits_cd_m2", (low, high))
 
-    def _error(self, key: str, found: str, wanted: str) -> InputError:
-        return InputError(f"region {quoted(self.name)}: {key} is {found}: give {wanted}")
+    def _error(self, key: str, value: str, wanted: str) -> InputError:
+        return InputError(f"region {quoted(self.name)}: {key} is {value}: give {wanted}")
 
     def _number(self, key: str, value: object) -> float:
         with suppress(OverflowError):
@@ -101,7 +101,7 @@ class PolygonShape(_Named):
         given = self.corners
         if not (isinstance(given, Sequence) and 3 <= len(given) <= _MOST_CORNERS):
             raise self._error("corners", quoted(given), f"a list of 3 to {_MOST_CORNERS} [x, y] corners")
-        corners = (self._pair(f"corners[{at}]", one, "the two numbers [x, y]") for at, one in enumerate(given))
+        corners = (self._pair(f"corners[{at}]", corner, "the two numbers [x, y]") for at, corner in enumerate(given))
         object.__setattr__(self, "corners", tuple(corners))
 
     def rois(self) -> tuple[Roi, ...]:
@@ -312,11 +312,11 @@ def rois_of(shapes: Iterable[Shape]) -> tuple[Roi, ...]:
     drawn: set[str] = set()
     n_corners = 0
     for shape in shapes:
-        own = shape.rois()
+        shape_rois = shape.rois()
         if shape.kind == "polygon":
             drawn.add(shape.name)
-        rois.extend(own)
-        n_corners += sum(len(roi.corners) for roi in own)
+        rois.extend(shape_rois)
+        n_corners += sum(len(roi.corners) for roi in shape_rois)
         if len(rois) > MOST_REGIONS or n_corners > _MOST_CORNERS_OF_ALL:
             raise InputError(
                 f"there are more than {MOST_REGIONS} regions, or more than {_MOST_CORNERS_OF_ALL} corners (a large "

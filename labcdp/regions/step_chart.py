@@ -88,9 +88,9 @@ def _chart(values: FloatImage, radius: int, whole: bool) -> list[NDArray[np.floa
         return []
     complete = {at: corners[patch] for at, patch in chart.items()}
     # A patch that is as light as what is around it has no edge that could be found.
-    for at, place in places_between(chart, corners).items():
-        if _inside(place, uniform).mean() > _FILLED:
-            complete[at] = place
+    for at, corners_px in places_between(chart, corners).items():
+        if _inside(corners_px, uniform).mean() > _FILLED:
+            complete[at] = corners_px
     return [complete[at] for at in sorted(complete)]
 
 

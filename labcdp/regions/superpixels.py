@@ -157,9 +157,9 @@ def neighbours(labels: NDArray[np.int32]) -> Neighbours:
         a, b = first[rows, columns].astype(np.int64), second[rows, columns].astype(np.int64)
         keys.append(np.minimum(a, b) * n + np.maximum(a, b))
         places.append(np.stack([columns + shift[0], rows + shift[1]], axis=1).astype(np.float32))
-    found, sides_pair, lengths = np.unique(np.concatenate(keys), return_inverse=True, return_counts=True)
+    pair_keys, sides_pair, lengths = np.unique(np.concatenate(keys), return_inverse=True, return_counts=True)
     return Neighbours(
-        pairs=np.stack([found // n, found % n], axis=1).astype(np.int32),
+        pairs=np.stack([pair_keys // n, pair_keys % n], axis=1).astype(np.int32),
         border_px=lengths.astype(np.int64),
         sides_px=np.concatenate(places),
         sides_pair=sides_pair.astype(np.int64),
@@ -189,12 +189,12 @@ def _without_strips(labels: NDArray[np.int32], size_px: int) -> NDArray[np.int32
     rows, columns = np.nonzero(grown[1:-1, 1:-1] < 0)
     rows, columns = rows + 1, columns + 1
     while rows.size:
-        found = np.full(rows.size, -1, dtype=np.int32)
+        label = np.full(rows.size, -1, dtype=np.int32)
         for dy, dx in ((-1, 0), (0, -1), (0, 1), (1, 0)):
             near = grown[rows + dy, columns + dx]
-            found = np.where(found < 0, near, found)
-        grown[rows, columns] = found
-        rows, columns = rows[found < 0], columns[found < 0]
+            label = np.where(label < 0, near, label)
+        grown[rows, columns] = label
+        rows, columns = rows[label < 0], columns[label < 0]
     return np.ascontiguousarray(grown[1:-1, 1:-1])
 
 

@@ -122,7 +122,7 @@ def _hidden(path: Path) -> str:
 def _remove_unfinished(path: Path) -> None:
     """Remove what processes left that were killed while they made or removed it; what a process holds is kept."""
     name = re.compile(re.escape(_hidden(path)) + "[0-9a-f]{8}[.]part")
-    for unfinished in [one for one in path.parent.iterdir() if name.fullmatch(one.name)]:
+    for unfinished in [candidate for candidate in path.parent.iterdir() if name.fullmatch(candidate.name)]:
         with suppress(OSError), ExitStack() as end:
             if _lock_folder(unfinished, end):
                 shutil.rmtree(unfinished, ignore_errors=True)
@@ -154,9 +154,9 @@ def _make(folder: Path, configuration: SessionConfiguration, compress: bool, clo
 
 def remove_session(folder: Path, recorded: Iterable[str]) -> None:
     """Remove a session with its folder; raises SessionError, and removes nothing, if the folder holds anything else."""
-    own, folder = {SESSION_JOURNAL, FORMER_END, FRAMES, *recorded}, folder.resolve()
+    of_session, folder = {SESSION_JOURNAL, FORMER_END, FRAMES, *recorded}, folder.resolve()
     with reported(folder, "removed"):
-        others = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - own
+        others = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - of_session
         if others:
             raise SessionError(
                 f"{folder} holds {min(others)}, which does not belong to the session: choose a new folder"
@@ -172,8 +172,8 @@ def unrecorded(folder: Path, entries: Sequence[Entry]) -> list[str]:
     """Files in a session's folder that its journal does not know, as names inside it."""
     known = {entry.file.name for entry in entries if entry.file} | {SESSION_JOURNAL, FORMER_END}
     with reported(folder, "read"):
-        found = [path for path in folder.rglob("*") if path.is_file() and not is_temporary(path)]
-    return sorted({path.relative_to(folder).as_posix() for path in found} - known)
+        files = [path for path in folder.rglob("*") if path.is_file() and not is_temporary(path)]
+    return sorted({path.relative_to(folder).as_posix() for path in files} - known)
 
 
 def given_up(entries: Sequence[Entry]) -> frozenset[int]:
@@ -197,23 +197,23 @@ def problems(folder: Path, entries: Sequence[Entry]) -> list[str]:
     list of str
         One line for each fault, none if all is sound.
     """
-    found: list[str] = []
+    texts: list[str] = []
     try:
         on_disk, _, torn = read_journal(folder)
         if torn:
-            found.append(
+            texts.append(
                 f"{folder / SESSION_JOURNAL} ends with an incomplete line: open the session for writing once to set it "
                 "aside"
             )
         if [entry.check for entry in on_disk[: len(entries)]] != [e.check for e in entries]:
-            found.append(f"{folder / SESSION_JOURNAL} was replaced since it was opened: open the session again")
+            texts.append(f"{folder / SESSION_JOURNAL} was replaced since it was opened: open the session again")
     except SessionError as error:
-        found.append(str(error))
+        texts.append(str(error))
     lost = given_up(entries)
     for entry in entries:
         if entry.file is not None and entry.sequence not in lost:
             try:
                 read_checked(folder, entry.file)
             except SessionError as error:
-                found.append(str(error))
-    return found
+                texts.append(str(error))
+    return texts

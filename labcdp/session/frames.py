@@ -132,12 +132,12 @@ def tiff_parts(frame: Frame, compress: bool) -> tuple[bytes, Buffer]:
             f"the metadata of frame {frame.frame_id} cannot be written as JSON ({error}): give text and finite numbers"
         ) from error
     little_endian = frame.dn.dtype.newbyteorder("<")
-    own = np.ascontiguousarray(frame.dn, little_endian)
-    pixels: Buffer = own.data.cast("B")
+    dn = np.ascontiguousarray(frame.dn, little_endian)
+    pixels: Buffer = dn.data.cast("B")
     if compress:
         import imagecodecs
 
-        pixels = bytes(imagecodecs.deflate_encode(own.tobytes(), level=1))
+        pixels = bytes(imagecodecs.deflate_encode(dn.tobytes(), level=1))
     height, width = frame.shape
     tags = (
         (256, _LONG, width),
@@ -213,7 +213,7 @@ class FrameFolder:
                 if is_temporary(path) and path.is_file():
                     path.unlink()
         names = [*(path.name for path in frames.iterdir()), *recorded]
-        numbers = [int(found[1]) for name in names if (found := re.match(rf"(?:{FRAMES}/)?(\d+)_", name))]
+        numbers = [int(match[1]) for name in names if (match := re.match(rf"(?:{FRAMES}/)?(\d+)_", name))]
         self.next_number = max(numbers, default=0) + 1
 
     def write(self, frames: Sequence[tuple[Frame, str]]) -> list[StoredFile]:

@@ -134,10 +134,10 @@ def _encode(number: int, time: datetime, line: Line) -> bytes:
 
 def _decode(line: bytes, former_check: str = "") -> Entry | None:
     """Return the entry, None if it is no whole line; the check may be over that of the line before as well."""
-    found = decoded(line, "", former_check, allow_nan=False)
-    if found is None:
+    entry = decoded(line, "", former_check, allow_nan=False)
+    if entry is None:
         return None
-    values, check = found
+    values, check = entry
     try:
         if values.get("file") is not None:
             values["file"] = {"name": values["file"], "sha256": values.pop("sha256"), "size": values.pop("size")}

@@ -171,9 +171,9 @@ Record = FrameRecord | ReadingRecord | EventRecord
 
 def counting(records: Sequence[Record]) -> list[Record]:
     """Return the records without the frames and readings that were taken again."""
-    events = [one for one in records if isinstance(one, EventRecord) and one.kind == SUPERSEDED]
-    left_out = {line for one in events for line in one.content["lines"]}
-    return [one for one in records if one.sequence not in left_out]
+    events = [event for event in records if isinstance(event, EventRecord) and event.kind == SUPERSEDED]
+    left_out = {line for event in events for line in event.content["lines"]}
+    return [record for record in records if record.sequence not in left_out]
 
 
 def record(entry: Entry) -> Record:
@@ -238,11 +238,11 @@ _EVENT_CONTENTS: dict[str, type[BaseModel]] = {
 }
 
 
-def _checked(kind: type[_Made], entry: Entry, **place: Any) -> _Made:
+def _checked(kind: type[_Made], entry: Entry, **where: Any) -> _Made:
     try:
-        if place.keys() & entry.content.keys():
-            raise InputError(f"its content has one of {', '.join(place)}")
-        return validated_as(kind, entry.content | place)
+        if where.keys() & entry.content.keys():
+            raise InputError(f"its content has one of {', '.join(where)}")
+        return validated_as(kind, entry.content | where)
     except InputError as error:
         raise SessionError(
             f"line {entry.sequence} of the journal is not a record of a {shortened(entry.kind)} ({error}): use the "

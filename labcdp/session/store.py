@@ -169,8 +169,8 @@ class Session:
         """Exposures of the plan, or those last found where the plan has none; None if they are still to be found."""
         if self.configuration.plan.exposures_s is not None:
             return self.configuration.plan.exposures_s
-        found = [r for r in self.records if isinstance(r, EventRecord) and r.kind == EXPOSURES]
-        return tuple(found[-1].content["exposures_s"]) if found else None
+        events = [r for r in self.records if isinstance(r, EventRecord) and r.kind == EXPOSURES]
+        return tuple(events[-1].content["exposures_s"]) if events else None
 
     def load(self, frame: FrameRecord) -> Frame:
         """Read a frame, bit for bit; raises SessionError if its file is missing, truncated or altered."""
@@ -183,13 +183,13 @@ class Session:
 
     def damaged(self) -> list[tuple[FrameRecord, str]]:
         """List the frames whose files are missing or altered, each with its fault; those too that were taken again."""
-        found, lost = [], given_up(self._entries)
+        damaged, lost = [], given_up(self._entries)
         for frame in (r for r in self.records if isinstance(r, FrameRecord) and r.sequence not in lost):
             try:
                 read_checked(self.path, frame.file)
             except SessionError as error:
-                found.append((frame, str(error)))
-        return found
+                damaged.append((frame, str(error)))
+        return damaged
 
     def require_files(self) -> None:
         """Check that every recorded file is there with its size, without reading it; `verify` reads them all.
@@ -219,9 +219,9 @@ class Session:
         SessionError
             If something is missing, truncated or altered; names the first fault and how many there are.
         """
-        found = self.problems()
-        if found:
-            raise SessionError(found[0] + (f" (fault 1 of {len(found)})" if len(found) > 1 else ""))
+        problems = self.problems()
+        if problems:
+            raise SessionError(problems[0] + (f" (fault 1 of {len(problems)})" if len(problems) > 1 else ""))
 
     def add_frame(self, frame: Frame, role: Role = "light", patch: str | None = None) -> FrameRecord:
         """Record a frame; as `add_frames`."""

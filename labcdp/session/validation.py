@@ -130,4 +130,4 @@ def _nested(annotation: object) -> type[BaseModel] | None:
     """Return the model inside an annotation such as ``tuple[Patch, ...]`` or ``Guess | None``."""
     if isclass(annotation) and issubclass(annotation, BaseModel):
         return annotation
-    return next((found for part in get_args(annotation) if (found := _nested(part))), None)
+    return next((model for part in get_args(annotation) if (model := _nested(part))), None)

@@ -120,8 +120,8 @@ def _reference(measured: SessionFrames) -> tuple[dict[float, MeasuredFrames], li
         return inf if light_c is None or level.temperature_c is None else abs(level.temperature_c - light_c)
 
     exposures_s = dict.fromkeys(level.exposure_s for level in measured.darks)
-    own = {t: [level for level in measured.darks if level.exposure_s == t] for t in exposures_s}
-    chosen = {t: min(levels, key=distance_k) for t, levels in own.items()}
+    levels_by_exposure = {t: [level for level in measured.darks if level.exposure_s == t] for t in exposures_s}
+    chosen = {t: min(levels, key=distance_k) for t, levels in levels_by_exposure.items()}
     findings = list(measured.findings)
     farthest = max(chosen.values(), key=distance_k)
     if light_c is not None and _SAME_TEMPERATURE_K < distance_k(farthest) < inf:
@@ -185,8 +185,8 @@ def _sensitivity(
     configuration, state, readings = session.configuration, measured.state, dict[str, list[Reading]]()
     for record in session.readings():
         if record.reading.unit != "%":
-            own = corrected(record.reading, configuration.meter.certificate)
-            readings.setdefault(record.patch, []).append(own)
+            luminance = corrected(record.reading, configuration.meter.certificate)
+            readings.setdefault(record.patch, []).append(luminance)
     r, findings = photometric_responsivity(measured, readings, configuration)
     efficiency = None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration, state)
     line = patch_deviations(unsaturated(points), transfer.saturation.net_dn)
@@ -199,16 +199,16 @@ def _nonuniformity(
     k, longest_s = transfer.k, max(darks)
     variance, *of_growth = dark_pattern_variances([*darks.values()], [*darks])
     note = f"at {exposure_text(longest_s)}, the only exposure of the dark frames"
-    found: dict[str, Any] = {"spatial": (darks[longest_s],)}
+    values: dict[str, Any] = {"spatial": (darks[longest_s],)}
     if of_growth:
         # Rounding changes each exposure's pattern by some part of its step, 1 DN.
         rounding_e_s = rounding_of_spread_dn(darks[longest_s]) / k.value / longest_s
-        found["dsnu_e_s"], note = dsnu_e(of_growth[0].total, k, rounding_e_s, unit="e-/s"), "at zero exposure"
-    found["prnu_rel"] = _prnu(points, darks, transfer.saturation.net_dn)
+        values["dsnu_e_s"], note = dsnu_e(of_growth[0].total, k, rounding_e_s, unit="e-/s"), "at zero exposure"
+    values["prnu_rel"] = _prnu(points, darks, transfer.saturation.net_dn)
     low, high = _PRNU_SHARES
-    unknown = found["prnu_rel"] is None
+    unknown = values["prnu_rel"] is None
     findings = [warning("prnu-unknown", lowest_share=low, highest_share=high)] if unknown else []
-    return found | dsnu_parts(variance, k, darks[min(darks)], note), findings
+    return values | dsnu_parts(variance, k, darks[min(darks)], note), findings
 
 
 def _prnu(
@@ -227,8 +227,8 @@ def _prnu(
         net = (s.image_dn.astype(float) - dark.image_dn[s.window])[s.used]
         noise = s.temporal_variance_dn2 / s.n_frames + dark.temporal_variance_dn2 / dark.n_frames
         rows, columns = np.nonzero(s.used)
-        found = flat_variance(net, rows, columns, noise)
-        estimates.append(Quantity(found.value / point.net_dn**2, found.u / point.net_dn**2))
+        net_variance = flat_variance(net, rows, columns, noise)
+        estimates.append(Quantity(net_variance.value / point.net_dn**2, net_variance.u / point.net_dn**2))
     if not estimates:
         return None
     note = f"within {len(estimates)} patches, slow gradients subtracted; includes the patches' own texture"

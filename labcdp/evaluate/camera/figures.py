@@ -77,9 +77,9 @@ def _sensitivity(figure: Figure, result: Characterisation) -> None:
         finish(axes, "photons per pixel", "mean above dark in DN", "Sensitivity")
         return
     for name in dict.fromkeys(point.label for point in result.series):
-        own = [point for point in result.series if point.label == name and point.net_dn > 0]
-        own.sort(key=lambda point: point.exposure_s)
-        exposure_s, net = columns(own, "exposure_s", "net_dn")
+        points = [point for point in result.series if point.label == name and point.net_dn > 0]
+        points.sort(key=lambda point: point.exposure_s)
+        exposure_s, net = columns(points, "exposure_s", "net_dn")
         axes.plot(1e3 * exposure_s, net, "o-", color="0.5", markersize=4, linewidth=0.8)
     _saturation(axes.axhline, result, result.saturation_dn.value)
     logarithmic(axes.xaxis, axes.yaxis)
@@ -88,26 +88,26 @@ def _sensitivity(figure: Figure, result: Characterisation) -> None:
 
 def _linearity(figure: Figure, result: Characterisation) -> None:
     """Draw the deviations from the line over the stimulus, or those of patches over the signal."""
-    found = (linearity if is_series(result) else patch_deviations)(result.series, result.saturation_dn.value)
+    deviations = (linearity if is_series(result) else patch_deviations)(result.series, result.saturation_dn.value)
     errors = [each.value for each in (result.linearity_error_min_rel, result.linearity_error_max_rel) if each]
-    assert found is not None
-    if isinstance(found, Linearity):
+    assert deviations is not None
+    if isinstance(deviations, Linearity):
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))
         photons, net = columns(result.series, "photons", "net_dn")
         ends = np.array([0.0, photons.max()])
         above.plot(photons, net, **_POINTS, label="measured")
-        text = f"line: {found.intercept_dn:.4g} DN + {found.slope_dn:.5g} DN/photon"
-        above.plot(ends, found.intercept_dn + found.slope_dn * ends, color=BLUE, linewidth=1.5, label=text)
+        text = f"line: {deviations.intercept_dn:.4g} DN + {deviations.slope_dn:.5g} DN/photon"
+        above.plot(ends, deviations.intercept_dn + deviations.slope_dn * ends, color=BLUE, linewidth=1.5, label=text)
         finish(above, "", "mean above dark in DN", "Linearity, from 5 to 95 % of saturation")
-        x, label, title = found.stimulus, "photons per pixel", "Deviation from the line"
+        x, label, title = deviations.stimulus, "photons per pixel", "Deviation from the line"
     else:
-        below, x, label = figure.subplots(), found.net_dn, "mean above dark in DN"
+        below, x, label = figure.subplots(), deviations.net_dn, "mean above dark in DN"
         title = "Deviation of each patch from its own line over the exposure"
-    below.errorbar(x, 100 * found.deviation_rel, yerr=100 * Z_95 * found.uncertainty_rel, **_BARS)
+    below.errorbar(x, 100 * deviations.deviation_rel, yerr=100 * Z_95 * deviations.uncertainty_rel, **_BARS)
     below.axhline(0.0, color=BLUE, linewidth=1.5)
     text = " and ".join(f"{100 * error:+.3f} %" for error in errors)
-    for error, own in zip(errors, (text, None), strict=True):
-        below.axhline(100 * error, color=ORANGE, **_DASHED, label=own)
+    for error, label_once in zip(errors, (text, None), strict=True):
+        below.axhline(100 * error, color=ORANGE, **_DASHED, label=label_once)
     finish(below, label, "deviation in %", f"{title}, bars: U (95 %) by noise, black level and lamp")
 
 
@@ -176,6 +176,6 @@ def _with_expanded(quantity: Quantity) -> str:
     return with_half_width(quantity.value, quantity.U)
 
 
-def _saturation(line: Callable[..., object], result: Characterisation, place: float) -> None:
+def _saturation(line: Callable[..., object], result: Characterisation, x: float) -> None:
     text = "brightest, saturation not reached" if result.saturation_limit == "not reached" else "saturation"
-    line(place, color=VERMILLION, **_DASHED, label=text)
+    line(x, color=VERMILLION, **_DASHED, label=text)

@@ -162,10 +162,10 @@ def patch_deviations(points: Sequence[SeriesPoint], saturation_net_dn: float) ->
     patches: dict[str, list[SeriesPoint]] = {}
     for point in unsaturated(in_range(points, saturation_net_dn)):
         patches.setdefault(point.label, []).append(point)
-    several = [own for own in patches.values() if len(own) > 1]
+    several = [points_of_patch for points_of_patch in patches.values() if len(points_of_patch) > 1]
     rows = []
-    for own in several:
-        y, t, u = columns(own, "net_dn", "exposure_s", "net_uncertainty_dn")
+    for points_of_patch in several:
+        y, t, u = columns(points_of_patch, "net_dn", "exposure_s", "net_uncertainty_dn")
         noise = u / y
         weights = (t / y) ** 2 / np.sum((t / y) ** 2)
         slope = float(np.sum(t / y) / np.sum((t / y) ** 2))
@@ -212,10 +212,10 @@ def photometric_responsivity(
         calibration = fit(observations, darks, readings, session_setup(configuration, "0" * 64))
     except CalibrationError as error:
         return None, [info("no-responsivity", reason=f"{error}")]
-    found, scale = calibration.responsivity, calibration.meter_scale
-    r = found.responsivity_dn_s_cd_m2
-    u = r * hypot(found.random_rel, scale.common_rel)
-    expanded = r * expanded_rel([scale], found.random_rel, found.dof or inf)
+    responsivity, scale = calibration.responsivity, calibration.meter_scale
+    r = responsivity.responsivity_dn_s_cd_m2
+    u = r * hypot(responsivity.random_rel, scale.common_rel)
+    expanded = r * expanded_rel([scale], responsivity.random_rel, responsivity.dof or inf)
     note = f"from the calibration with the meter over {len(calibration.residuals)} patches, on the optical axis"
     return Quantity(r, u, "DN/(cd m^-2 s)", note, coverage=expanded / u), []
 

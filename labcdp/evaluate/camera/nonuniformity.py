@@ -50,11 +50,11 @@ class Pattern(NamedTuple):
 
 def spatial_figures(characterisation: Characterisation) -> list[ReportFigure]:
     """Draw histograms, spectrograms and profiles, if there are images."""
-    own, figures = patterns(characterisation), []
+    shown_patterns, figures = patterns(characterisation), []
     drawn = {"histogram": _histogram, "accumulated": _accumulated, "spectrogram": _spectrogram, "profile": _profile}
-    for name, draw in drawn.items() if own else ():
+    for name, draw in drawn.items() if shown_patterns else ():
         caption = page_text(f"characterise-{name}", side=HIGH_PASS_SIDE)
-        figures.append(reported(f"characterise-{name}", _drawn(characterisation, own, draw), caption))
+        figures.append(reported(f"characterise-{name}", _drawn(characterisation, shown_patterns, draw), caption))
     return figures
 
 
@@ -65,15 +65,15 @@ def patterns(result: Characterisation) -> list[Pattern]:
     dark, *lit = result.spatial
     dark_noise = dark.temporal_variance_dn2 / dark.n_frames
     deviation = dark.image_dn - dark.image_dn.mean(dtype=np.float64).astype(np.float32)
-    found = [Pattern("DSNU", "DN", deviation, float(np.sqrt(dark_noise)), 1 / dark.n_frames)]
+    noise_patterns = [Pattern("DSNU", "DN", deviation, float(np.sqrt(dark_noise)), 1 / dark.n_frames)]
     for bright in lit:
         net = bright.image_dn - dark.image_dn
         mean = float(net.mean(dtype=np.float64))
         noise = np.sqrt(bright.temporal_variance_dn2 / bright.n_frames + dark_noise)
         deviation = (net * np.float32(100 / mean) - np.float32(100)).astype(np.float32)
         step = 100 / mean / lcm(dark.n_frames, bright.n_frames)
-        found.append(Pattern("PRNU", "%", deviation, float(100 * noise / mean), step))
-    return found
+        noise_patterns.append(Pattern("PRNU", "%", deviation, float(100 * noise / mean), step))
+    return noise_patterns
 
 
 def _drawn(
@@ -156,8 +156,8 @@ def _profile(axes: Axes, pattern: Pattern, values: NDArray[np.float64], directio
     low, high = np.percentile(values, [0.01, 99.99])
     if high > low:
         axes.set_ylim(low - (high - low) / 2, high + (high - low) / 2)
-    place = "column" if direction == "horizontal" else "row"
-    finish(axes, place, f"deviation in {pattern.unit}", f"{pattern.name}, {direction} profile")
+    index_name = "column" if direction == "horizontal" else "row"
+    finish(axes, index_name, f"deviation in {pattern.unit}", f"{pattern.name}, {direction} profile")
 
 
 def histogram_edges(values: NDArray[np.float64], step: float) -> NDArray[np.float64]:

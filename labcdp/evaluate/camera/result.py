@@ -58,16 +58,16 @@ def result(characterisation: Characterisation, title: str = "", inputs: Sequence
 
 def _quantities(characterisation: Characterisation) -> Iterator[NamedValue]:
     """Yield the quantities that are known; ratios in dB, too."""
-    for key, one in characterisation.quantities().items():
-        if one is None:
+    for key, quantity in characterisation.quantities().items():
+        if quantity is None:
             continue
         name = QUANTITY_NAMES[key]
-        shown = stated(key, name, one)
+        shown = stated(key, name, quantity)
         yield shown
-        if key in _RATIOS and one.value > 0:
-            u_db = None if shown.u is None else _DB / log(10) * shown.u / one.value
+        if key in _RATIOS and quantity.value > 0:
+            u_db = None if shown.u is None else _DB / log(10) * shown.u / quantity.value
             yield NamedValue(
-                f"{name} in dB", _DB * log10(one.value), "dB", "20 log10 of the ratio", u_db, key=f"{key}_db"
+                f"{name} in dB", _DB * log10(quantity.value), "dB", "20 log10 of the ratio", u_db, key=f"{key}_db"
             )
 
 

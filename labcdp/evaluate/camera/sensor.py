@@ -193,10 +193,10 @@ def _range_dn(sensor: Sensor) -> float:
 def _through(sensor: Sensor, wavelength_nm: float, eta: float, path: Path) -> list[list[float]]:
     """Scale the sensor's spectral quantum efficiency so that it has the stated one at a wavelength."""
     wavelengths, curve = np.array(sensor.quantum_efficiency, dtype=float).T
-    own = float(np.interp(wavelength_nm, wavelengths, curve, left=0.0, right=0.0))
-    if own == 0 or eta / own * curve.max() > 1:
+    eta_here = float(np.interp(wavelength_nm, wavelengths, curve, left=0.0, right=0.0))
+    if eta_here == 0 or eta / eta_here * curve.max() > 1:
         raise ConfigurationError(
             f"{path}: quantum_efficiency {eta:g} at {wavelength_nm:g} nm does not fit the shape of the preset: give "
             "pairs of wavelength and value"
         )
-    return [[float(w), round(float(value * eta / own), 4)] for w, value in zip(wavelengths, curve, strict=True)]
+    return [[float(w), round(float(value * eta / eta_here), 4)] for w, value in zip(wavelengths, curve, strict=True)]

@@ -115,8 +115,8 @@ def noise_of_characterisation(characterisation: Characterisation) -> dict[str, A
         if quantity is None or not isfinite(quantity.value):
             return Quantity(0.0, 0.0, unit, "not known")
         # Measured in DN: the uncertainty of K entered with the conversion to electrons, and is removed again.
-        own = sqrt(max(quantity.u_known**2 - (quantity.value * k.u_known / k.value) ** 2, 0.0))
-        return Quantity(max(quantity.value, 0.0) * k.value, own * k.value, unit, quantity.note)
+        u = sqrt(max(quantity.u_known**2 - (quantity.value * k.u_known / k.value) ** 2, 0.0))
+        return Quantity(max(quantity.value, 0.0) * k.value, u * k.value, unit, quantity.note)
 
     prnu = characterisation.prnu_pixel_rel or characterisation.prnu_rel or Quantity(0.0, 0.0, "1", "not known")
     return {
@@ -154,8 +154,8 @@ def _efficiency(session: SessionConfiguration, area_m2: float, r: float, common_
     """Quantum efficiency times transmittance that give R with the configured lens, pitch and spectrum."""
     with naming("the twin needs the spectrum of the light", CalibrationError):
         photons = photons_per_cd_m2_s(session.source.spectrum, session.lens.f_number, 1.0, area_m2)
-    found = Quantity(r / photons, common_rel * r / photons, "DN/photon")
-    efficiency = found.over(k, "1", "from R and K by the configured lens, pixel pitch and spectrum")
+    ratio = Quantity(r / photons, common_rel * r / photons, "DN/photon")
+    efficiency = ratio.over(k, "1", "from R and K by the configured lens, pixel pitch and spectrum")
     if efficiency.value > 1:
         raise CalibrationError(
             f"quantum efficiency times transmittance would be {efficiency.value:.3g}, more than 1: check the f-number "

@@ -17,7 +17,7 @@ from ...report.text import finding_text
 from ..bench.observe import ObservedSession
 from ..bench.session import mismatch
 from .estimate import require_monochrome, twin_parameters
-from .pair import Judgement, PairAsked, TwinPair, compare_pair
+from .pair import Judgement, PairRequest, TwinPair, compare_pair
 from .parameters import TwinParameters
 from .prediction import TwinRegion, predict_regions
 from .regions import TwinPatch, regions_of, seen_regions, twin_patch
@@ -108,7 +108,7 @@ def twin_session(
     first = require_monochrome(observed.session)
     if not isinstance(calibration, Calibration):
         raise CalibrationError("the calibration is for a camera with colour filters: give that of this camera")
-    found = mismatch(observed.configuration, calibration)
+    mismatches = mismatch(observed.configuration, calibration)
     twin = twin_parameters(observed, calibration, characterisation)
     regions = regions_of(observed, calibration, twin, calibration.to_luminance(first).slow_rel)
     if len(regions) < _PAIR:
@@ -118,14 +118,14 @@ def twin_session(
     usable = [o for name in regions for o in observed.patches[name] if o.saturated_share == 0]
     longest = {o.patch: o for o in sorted(usable, key=lambda o: o.exposure_s)}
     left_out: _LeftOut = defaultdict(list)
-    asked = _asked(
+    requests = _pair_requests(
         observed, {name: region.luminance_cd_m2 for name, region in regions.items()}, contrast, epsilon, left_out
     )
-    compared = _compared(observed, calibration, twin, regions, asked, left_out, report)
+    compared = _compared(observed, calibration, twin, regions, requests, left_out, report)
     of_left_out = list(_findings(left_out))
     if not compared:
         raise CalibrationError(f"no two patches can be compared: {'; '.join(map(finding_text, of_left_out))}")
-    own = [finding for finding in calibration.findings if finding.severity != "info"]
+    of_calibration = [finding for finding in calibration.findings if finding.severity != "info"]
     corrected = _of_corrections(twin, {o.exposure_s for o in usable})
     response = calibration.response
     return TwinEvaluation(
@@ -133,35 +133,35 @@ def twin_session(
         calibration=calibration,
         parameters=twin,
         regions=tuple(regions.values()),
-        pairs=tuple(compared[pair] for pair in asked if pair in compared),
+        pairs=tuple(compared[pair] for pair in requests if pair in compared),
         patches=tuple(twin_patch(twin.at(o.exposure_s), regions[n], o, response) for n, o in longest.items()),
-        findings=(*of_left_out, *found, *corrected, *twin.findings, *own),
+        findings=(*of_left_out, *mismatches, *corrected, *twin.findings, *of_calibration),
         contrasts=contrast if isinstance(contrast, tuple) else (),
     )
 
 
-def _asked(
+def _pair_requests(
     observed: ObservedSession, level: dict[str, float], contrast: TargetContrasts, epsilon: float, left_out: _LeftOut
-) -> list[PairAsked]:
+) -> list[PairRequest]:
     """Pairs to compare, those of the configuration first; add those that are of no use to `left_out`."""
-    for one in each_contrast(contrast):
-        checked_contrast(LEAST_CONTRAST if one is None else one, epsilon)
-    asked: list[PairAsked] = []
+    for target in each_contrast(contrast):
+        checked_contrast(LEAST_CONTRAST if target is None else target, epsilon)
+    requests: list[PairRequest] = []
     for pair in observed.configuration.contrasts:
         if pair.bright not in level or pair.dark not in level:
             left_out["pairs-without-patch"].append((pair.bright, pair.dark))
-        elif (own := level[pair.bright] / level[pair.dark] - 1) <= 0:
+        elif (contrast_of_means := level[pair.bright] / level[pair.dark] - 1) <= 0:
             left_out["pairs-reversed"].append((pair.bright, pair.dark))
         else:
-            asked.append(PairAsked(pair.bright, pair.dark, pair.contrast, pair.epsilon, own))
+            requests.append(PairRequest(pair.bright, pair.dark, pair.contrast, pair.epsilon, contrast_of_means))
     for dark, bright in combinations(sorted(level, key=lambda name: level[name]), 2):
-        own = level[bright] / level[dark] - 1
-        values = (round(own, 4) if one is None else one for one in each_contrast(contrast))
-        if own < LEAST_CONTRAST:
+        contrast_of_means = level[bright] / level[dark] - 1
+        values = (round(contrast_of_means, 4) if target is None else target for target in each_contrast(contrast))
+        if contrast_of_means < LEAST_CONTRAST:
             left_out["pairs-alike"].append((bright, dark))
         else:
-            asked += [PairAsked(bright, dark, value, epsilon, own) for value in values]
-    return list(dict.fromkeys(asked))
+            requests += [PairRequest(bright, dark, value, epsilon, contrast_of_means) for value in values]
+    return list(dict.fromkeys(requests))
 
 
 def _compared(
@@ -169,19 +169,19 @@ def _compared(
     calibration: Calibration,
     twin: TwinParameters,
     regions: Mapping[str, TwinRegion],
-    requested: Sequence[PairAsked],
+    requested: Sequence[PairRequest],
     left_out: _LeftOut,
     report: Callable[[int, int], None],
-) -> dict[PairAsked, TwinPair]:
+) -> dict[PairRequest, TwinPair]:
     """Compare each pair in the longest exposure that saturates neither patch; add those without one to `left_out`."""
-    at: dict[float, list[PairAsked]] = {}
+    at: dict[float, list[PairRequest]] = {}
     for pair in requested:
         exposure_s = observed.longest_unsaturated_s(calibration, pair.bright, pair.dark)
         if exposure_s is None:
             left_out["pairs-saturated"].append((pair.bright, pair.dark))
         else:
             at.setdefault(exposure_s, []).append(pair)
-    compared: dict[PairAsked, TwinPair] = {}
+    compared: dict[PairRequest, TwinPair] = {}
     for done, (exposure_s, group) in enumerate(sorted(at.items())):
         report(done, len(at))
         names = {name for pair in group for name in (pair.bright, pair.dark)}

@@ -28,7 +28,7 @@ _CANCELLED = 1e-9
 
 
 @dataclass(frozen=True)
-class PairAsked:
+class PairRequest:
     """A pair to compare.
 
     Parameters
@@ -49,7 +49,7 @@ class PairAsked:
 
 
 @dataclass(frozen=True)
-class TwinPair(PairAsked):
+class TwinPair(PairRequest):
     """CDP of a pair of patches, measured and predicted.
 
     Parameters
@@ -116,13 +116,13 @@ class TwinPair(PairAsked):
 
 
 def compare_pair(
-    pair: PairAsked, seen: tuple[MeasuredPatch, MeasuredPatch], predicted: tuple[RegionPrediction, RegionPrediction]
+    pair: PairRequest, seen: tuple[MeasuredPatch, MeasuredPatch], predicted: tuple[RegionPrediction, RegionPrediction]
 ) -> TwinPair:
     """Compare measured and predicted CDP of two patches, the bright one first.
 
     Parameters
     ----------
-    pair : PairAsked
+    pair : PairRequest
         What to compare.
     seen : (MeasuredPatch, MeasuredPatch)
         Measured luminances.
@@ -175,8 +175,8 @@ def _shifted(
         del bright["dark signal"], dark["dark signal"]
     for number, (a, b) in enumerate(errors):
         name = f"{a.source} of the calibration ({number})"
-        for own, best, error in ((bright, predicted[0].best, a), (dark, predicted[1].best, b)):
-            own[name] = added(best, error.luminance_cd_m2) if error.of_darkness else scaled(best, error.relative)
+        for shifted, best, error in ((bright, predicted[0].best, a), (dark, predicted[1].best, b)):
+            shifted[name] = added(best, error.luminance_cd_m2) if error.of_darkness else scaled(best, error.relative)
     unchanged = [(region.best, region.best) for region in predicted]
     return {
         name: list(zip(bright.get(name, unchanged[0]), dark.get(name, unchanged[1]), strict=True))

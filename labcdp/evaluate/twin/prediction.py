@@ -134,17 +134,17 @@ def predict_regions(
     }
     darkness_dn = twin.dark_standard_uncertainty_dn(exposure_s)
     result = {}
-    for i, (region, own) in enumerate(zip(regions, best, strict=True)):
+    for i, (region, best_region) in enumerate(zip(regions, best, strict=True)):
         full = twin.responsivity.value * exposure_s * float(region.vignetting.mean())
         per_dn = float(response.slope(response.inverse(full * region.luminance_cd_m2))) / full
         shifted = {name: (both[0][i], both[1][i]) for name, both in of_noise.items()}
         shifted["responsivity"] = moved[0][i], moved[2][i]
         shifted[f"meter reading of {region.name}"] = moved[1][i], moved[3][i]
-        shifted["dark signal"] = added(own, darkness_dn * per_dn)
-        shifted[f"dark signal at {region.name}"] = added(own, region.darkness_dn * per_dn)
+        shifted["dark signal"] = added(best_region, darkness_dn * per_dn)
+        shifted[f"dark signal at {region.name}"] = added(best_region, region.darkness_dn * per_dn)
         if region.flat_field_rel > 0:
-            shifted[f"flat field at {region.name}"] = scaled(own, region.flat_field_rel)
-        result[region.name] = RegionPrediction(own, shifted)
+            shifted[f"flat field at {region.name}"] = scaled(best_region, region.flat_field_rel)
+        result[region.name] = RegionPrediction(best_region, shifted)
     return result
 
 
@@ -205,15 +205,17 @@ def _luminances(
         (_dn_rows(CameraModel(each, settings), rates), response.linearise(dn - taken_off_dn) / r_t)
         for each, taken_off_dn in kinds or [(sensor, 0.0)]
     ]
-    result, place = [], 0
+    result, first_row = [], 0
     for of_set in factors:
         of_regions = []
         for region, _ in zip(regions, of_set, strict=True):
             v, _, share = region.kinds
-            own = [(row, linear, i) for rows, linear in seen for i, row in enumerate(rows[place : place + v.size])]
-            place += v.size
-            values = np.concatenate([linear[first : first + p.size] / v[i] for (first, p), linear, i in own])
-            weights = np.concatenate([p * share[i] / len(seen) for (_, p), _, i in own])
+            rows_here = [
+                (row, linear, i) for rows, linear in seen for i, row in enumerate(rows[first_row : first_row + v.size])
+            ]
+            first_row += v.size
+            values = np.concatenate([linear[first : first + p.size] / v[i] for (first, p), linear, i in rows_here])
+            weights = np.concatenate([p * share[i] / len(seen) for (_, p), _, i in rows_here])
             distinct, which = np.unique(values, return_inverse=True)
             of_regions.append(Distribution(distinct, np.bincount(which, weights)))
         result.append(of_regions)

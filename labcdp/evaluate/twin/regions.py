@@ -177,7 +177,7 @@ class TwinPatch:
         None for noise less than the converter's step: its variance depends on where between two DN the mean lies.
         """
         dithered = min(each["temporal_dn"][0] for each in (self.predicted, self.measured)) ** 2 >= DITHERED_DN2
-        found: dict[str, float | None] = {}
+        z_by_kind: dict[str, float | None] = {}
         for kind in KINDS:
             both = [self.predicted[kind], self.measured[kind]]
             if kind != "mean_dn":
@@ -185,8 +185,8 @@ class TwinPatch:
                 both = [(value**2, max(2 * value * u, u**2)) for value, u in both]
             (predicted, u), (measured, v) = both
             z = (measured - predicted) / hypot(u, v) if hypot(u, v) > 0 else 0.0
-            found[kind] = z if dithered or kind == "mean_dn" else None
-        return found
+            z_by_kind[kind] = z if dithered or kind == "mean_dn" else None
+        return z_by_kind
 
 
 def twin_patch(twin: TwinParameters, region: TwinRegion, o: PatchObservation, response: Response) -> TwinPatch:

@@ -150,10 +150,10 @@ def twin_chain_text(evaluation: TwinEvaluation) -> str:
     """
     notes = [f"Note: {finding_text(finding)}" for finding in evaluation.parameters.findings]
     comments = {}
-    for name, (_, one) in evaluation.parameters.quantities.items():
+    for name, (_, quantity) in evaluation.parameters.quantities.items():
         key = "quantum_efficiency" if name.startswith("quantum") else name
-        uncertainty = f"u = {one.u_known:.2g} {one.unit}; " if one.u_known > 0 else ""
-        comments["sensor", key] = f"{uncertainty}{one.note}".rstrip("; ")
+        uncertainty = f"u = {quantity.u_known:.2g} {quantity.unit}; " if quantity.u_known > 0 else ""
+        comments["sensor", key] = f"{uncertainty}{quantity.note}".rstrip("; ")
     head = ["Twin of a camera, made by labcdp from a recorded session.", "u is the standard uncertainty.", *notes]
     return commented_toml(head, twin_document(evaluation), comments)
 
@@ -204,8 +204,8 @@ def _scene(evaluation: TwinEvaluation, shape: tuple[int, int]) -> dict[str, Any]
         left, top, right, bottom = bounds[region.name]
         x, y = max(floor(left), 0), max(floor(top), 0)
         size = {"width": min(ceil(right), width) - x, "height": min(ceil(bottom), height) - y}
-        own = {"luminance_cd_m2": _rounded(region.luminance_cd_m2), "name": names[region.name]}
-        patches.append({"x": x, "y": y, **size, **own})
+        fields = {"luminance_cd_m2": _rounded(region.luminance_cd_m2), "name": names[region.name]}
+        patches.append({"x": x, "y": y, **size, **fields})
     return {"type": "patches", "background_cd_m2": levels[0], **contrasts, "patches": patches}
 
 

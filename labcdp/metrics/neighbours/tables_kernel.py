@@ -117,8 +117,8 @@ def sum_marks(dn: NDArray[np.uint8], pairs: Pairs, sums: Sums) -> None:
         _sum_rows(y, width, marks, marked, some_rows, sums)
         if y % _ROWS == _ROWS - 1 or y == height - 1:
             _move(some_rows, sums.columns)
-    for one in range(same):
-        counts[one] += n_alike
+    for value in range(same):
+        counts[value] += n_alike
 
 
 @compiled_part
@@ -202,10 +202,10 @@ def _change(upper: NDArray[np.uint8], lower: NDArray[np.uint8]) -> tuple[np.uint
     """Lowest DN of a piece and its neighbours, and the most by which two of a pair differ."""
     least, most = np.uint8(255), np.uint8(0)
     for i in range(_PIECE):
-        one, right, down = upper[i], upper[i + 1], lower[i]
-        least = min(least, min(one, min(right, down)))
-        beside = np.uint8(max(one, right) - min(one, right))
-        below = np.uint8(max(one, down) - min(one, down))
+        here, right, down = upper[i], upper[i + 1], lower[i]
+        least = min(least, min(here, min(right, down)))
+        beside = np.uint8(max(here, right) - min(here, right))
+        below = np.uint8(max(here, down) - min(here, down))
         most = max(most, max(beside, below))
     return least, most
 
@@ -226,13 +226,13 @@ def _count(beside: NDArray[np.uint8], below: NDArray[np.uint8], counts: NDArray[
     for i in range(_PIECE):
         lowest = min(lowest, min(beside[i], below[i]))
         highest = max(highest, max(beside[i], below[i]))
-    for one in range(lowest):
-        counts[one] += 2 * _PIECE
-    for one in range(lowest, highest):
-        n, limit = np.uint16(0), np.uint8(one)
+    for value in range(lowest):
+        counts[value] += 2 * _PIECE
+    for value in range(lowest, highest):
+        n, limit = np.uint16(0), np.uint8(value)
         for i in range(_PIECE):
             n = np.uint16(n + np.uint16(np.uint8(beside[i] > limit) + np.uint8(below[i] > limit)))
-        counts[one] += n
+        counts[value] += n
     return lowest, highest
 
 

@@ -80,8 +80,8 @@ class ContrastMapSettings:
         if not 0 < self.detected <= 1:
             raise InputError(f"the CDP of a detected edge is {self.detected}: give a fraction above 0, up to 1")
         # Refuses a tolerance or contrast that is out of range.
-        for one in each_contrast(self.contrast):
-            checked_contrast(self.minimum_contrast if one is None else one, self.epsilon)
+        for target in each_contrast(self.contrast):
+            checked_contrast(self.minimum_contrast if target is None else target, self.epsilon)
 
 
 class EdgeKind(IntEnum):

@@ -208,8 +208,8 @@ def edge_script(drawn: Drawn, source: PictureSource) -> Script:
     plot = _empty_figure(first.shape_px)
     mapper = LinearColorMapper(palette=_palette(first.settings.detected), low=0, high=1)
     groups = [
-        [_add_picture(plot, picture, found.shape_px), *_add_points(plot, found, source, mapper)]
-        for found, picture in drawn.items()
+        [_add_picture(plot, picture, edge_map.shape_px), *_add_points(plot, edge_map, source, mapper)]
+        for edge_map, picture in drawn.items()
     ]
     scale = ColorBar(color_mapper=mapper, title="CDP", ticker=BasicTicker(desired_num_ticks=6), width=16)
     scale.title_text_font_style = "normal"

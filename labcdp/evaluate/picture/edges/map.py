@@ -69,8 +69,8 @@ class ContrastMap:
     @property
     def contrast(self) -> float | None:
         """Contrast that all edges are asked for; None for that of each."""
-        (one,) = each_contrast(self.settings.contrast)
-        return one
+        (target,) = each_contrast(self.settings.contrast)
+        return target
 
     @property
     def shape_px(self) -> tuple[int, int]:
@@ -149,28 +149,28 @@ def contrast_map(
     counts as far as it differs between two neighbours; slow changes across the image (flat field, darkness) are alike
     for neighbours and cancel.
     """
-    asked = settings or ContrastMapSettings()
+    chosen = settings or ContrastMapSettings()
     step = luminance.step
-    size = max(round(asked.size_px / step), 1)
+    size = max(round(chosen.size_px / step), 1)
     if size < SMALLEST_SIZE_PX:
         raise InputError(
-            f"regions of {asked.size_px} pixels have {size} of each colour plane of this camera along a side: give "
+            f"regions of {chosen.size_px} pixels have {size} of each colour plane of this camera along a side: give "
             f"{SMALLEST_SIZE_PX * step} or more"
         )
     if reference is not None:
-        _check_reference(luminance, reference, asked)
+        _check_reference(luminance, reference, chosen)
     regions, *others = (
         map_regions(luminance, size) if reference is None else map_regions(reference, size, luminance)[::-1]
     )
     near = neighbours(regions.labels)
     noise = map_noise(luminance.luminance_cd_m2, regions)
     errors, smooth, maps = _errors(luminance, regions), _smooth_errors(luminance, regions), []
-    for contrast in each_contrast(asked.contrast):
+    for contrast in each_contrast(chosen.contrast):
         scene = others[0] if others else contrast
-        edges = map_edges(regions, near, errors, noise, asked, scene, smooth)
-        settings = replace(asked, contrast=contrast)
-        found = ContrastMap(luminance, settings, regions, near, edges, noise, (), reference is not None)
-        maps.append(replace(found, findings=_findings(found)))
+        edges = map_edges(regions, near, errors, noise, chosen, scene, smooth)
+        settings = replace(chosen, contrast=contrast)
+        edge_map = ContrastMap(luminance, settings, regions, near, edges, noise, (), reference is not None)
+        maps.append(replace(edge_map, findings=_findings(edge_map)))
     return replace(maps[0], others=tuple(maps[1:]))
 
 
@@ -188,14 +188,14 @@ def _errors(luminance: LuminanceMap, regions: MapRegions) -> list[NDArray[np.flo
     """Relative errors of the mean of each region by those errors of the calibration that are not alike everywhere."""
     n = regions.mean.size
     mean = mean_of(regions.labels, luminance.luminance_cd_m2, n)
-    found = []
+    means = []
     # Without a calibration there are smooth ones only, whose maps are not needed.
     for error in luminance.common if not _has_smooth(luminance) else ():
         if np.ndim(error.relative):
             with np.errstate(divide="ignore", invalid="ignore"):
                 # By the light of each pixel: relative errors have no bound where there is hardly any.
-                found.append(mean_of(regions.labels, error.relative * luminance.luminance_cd_m2, n) / mean)
-    return found
+                means.append(mean_of(regions.labels, error.relative * luminance.luminance_cd_m2, n) / mean)
+    return means
 
 
 def _smooth_errors(luminance: LuminanceMap, regions: MapRegions) -> list[NDArray[np.float64]]:
@@ -206,8 +206,8 @@ def _smooth_errors(luminance: LuminanceMap, regions: MapRegions) -> list[NDArray
     step = max(regions.size_px // _SAMPLES, 1)
     some = slice(None, None, step), slice(None, None, step)
     errors = (error for error in luminance.common_in(some) if error.smooth)
-    found = (mean_of(regions.labels[some], np.asarray(error.relative), regions.mean.size) for error in errors)
-    return [np.nan_to_num(one) for one in found]
+    means = (mean_of(regions.labels[some], np.asarray(error.relative), regions.mean.size) for error in errors)
+    return [np.nan_to_num(error) for error in means]
 
 
 def _has_smooth(luminance: LuminanceMap) -> bool:

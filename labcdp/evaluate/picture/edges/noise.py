@@ -115,18 +115,18 @@ def _correlation(image: NDArray[np.floating[Any]], regions: MapRegions) -> Float
     products = fft.irfft2(spectra, (2 * side, 2 * side)) / scatter[scatter > 0][:, None, None]
     lags = side - np.abs(np.fft.fftfreq(2 * side, 1 / (2 * side)))
     pairs = np.maximum(np.outer(lags, lags), 1) / side**2
-    found: Floats = np.median(products, axis=0) / pairs
+    correlation: Floats = np.median(products, axis=0) / pairs
     # A block's own mean was subtracted, which takes as much from the correlation at all lags.
     least = _LEAST_CORRELATION / np.sqrt(pairs)
-    found += float((found * pairs)[found > least].sum()) / side**2
-    found = np.where((np.abs(found) > least) & (np.outer(lags, lags) > 0), found, 0.0)
-    return np.asarray(found / found[0, 0])
+    correlation += float((correlation * pairs)[correlation > least].sum()) / side**2
+    correlation = np.where((np.abs(correlation) > least) & (np.outer(lags, lags) > 0), correlation, 0.0)
+    return np.asarray(correlation / correlation[0, 0])
 
 
 def _blocks(image: NDArray[np.floating[Any]], regions: MapRegions, side: int) -> Floats:
     """Square blocks of pixels around the middles of regions and wholly inside them, shape (n, side, side)."""
     height, width = image.shape
-    found = []
+    windows = []
     corners = np.round(regions.centre_px - side / 2).astype(np.intp)
     for number in np.random.default_rng(_SEED).permutation(len(corners)):
         x, y = corners[number]
@@ -134,10 +134,10 @@ def _blocks(image: NDArray[np.floating[Any]], regions: MapRegions, side: int) ->
             continue
         window = slice(y, y + side), slice(x, x + side)
         if (regions.labels[window] == number).all() and np.isfinite(image[window]).all():
-            found.append(image[window].astype(np.float64))
-            if len(found) == _BLOCKS:
+            windows.append(image[window].astype(np.float64))
+            if len(windows) == _BLOCKS:
                 break
-    return np.array(found)
+    return np.array(windows)
 
 
 def _simulated(correlation: Floats, side: int) -> Floats:

@@ -59,12 +59,14 @@ def contrast_map_files(edge_map: ContrastMap, source: PictureSource, result: Res
     edges = replace(result, tables=(*result.tables[:-1], edge_table(edge_map, source)))
     pictures = {
         f"contrast-map{f'-{number}' if number > 1 else ''}.png": overlay_figure(
-            one,
+            map_at_target,
             picture,
-            f"{source.path.name}, {percent(one.contrast)}" if edge_map.others and one.contrast else source.path.name,
+            f"{source.path.name}, {percent(map_at_target.contrast)}"
+            if edge_map.others and map_at_target.contrast
+            else source.path.name,
             source.simulated,
         )
-        for number, (one, picture) in enumerate(drawn.items(), start=1)
+        for number, (map_at_target, picture) in enumerate(drawn.items(), start=1)
     }
     return {
         "report.html": map_page(edge_map, drawn, source, result).encode(),
@@ -94,8 +96,8 @@ def map_page(edge_map: ContrastMap, drawn: Drawn, source: PictureSource, result:
     str
         HTML 5, with the drawing program (BokehJS, 1.3 MB) inside; its security policy forbids to load anything.
     """
-    own = edge_map.contrast is None and not edge_map.has_reference
-    meaning = _OWN_CONTRAST if own else _ASKED.format(asked=_asked_text(edge_map).rstrip(","))
+    own_contrast = edge_map.contrast is None and not edge_map.has_reference
+    meaning = _OWN_CONTRAST if own_contrast else _ASKED.format(asked=_asked_text(edge_map).rstrip(","))
     weakest: list[Block] = [result.table("weakest")] if len(result.table("weakest")) else []
     left_out = info("map-sections-not-drawn", n_drawn=len(drawn), n_sections=len(edge_map.each))
     findings = (*result.findings, *([left_out] if len(drawn) < len(edge_map.each) else []))
@@ -119,11 +121,11 @@ def _cards_of_contrasts(edge_map: ContrastMap) -> list[Card]:
     few = len(edge_map.each) <= _MOST_MAPS
     best = max(edge_map.each, key=lambda each: each.count(EdgeKind.SEEN))
     cards = []
-    for one in edge_map.each if few else [best]:
-        seen, lost = one.count(EdgeKind.SEEN), one.count(EdgeKind.LOST)
-        share = share_percent(one.detected_share) if seen + lost else "none"
+    for map_at_target in edge_map.each if few else [best]:
+        seen, lost = map_at_target.count(EdgeKind.SEEN), map_at_target.count(EdgeKind.LOST)
+        share = share_percent(map_at_target.detected_share) if seen + lost else "none"
         of = f"{seen} of {seen + lost} edges of objects"
-        name = f"Detected edges at {percent(one.contrast or 0)}"
+        name = f"Detected edges at {percent(map_at_target.contrast or 0)}"
         lines = (f"{lost} lost", *(() if few else (f"most of {len(edge_map.each)} contrasts",)))
         cards.append(Card(name, share, of, lines, state="plain" if lost else "good"))
     return cards
@@ -194,8 +196,8 @@ def _asked_text(edge_map: ContrastMap) -> str:
     if edge_map.contrast is None:
         return "that of the edge in this image"
     texts = [percent(single.contrast or 0) for single in edge_map.each]
-    asked = ", ".join(texts) if len(texts) <= _MOST_MAPS else f"{len(texts)} from {texts[0]} to {texts[-1]}"
-    return f"{asked}, as given for the scene,"
+    targets = ", ".join(texts) if len(texts) <= _MOST_MAPS else f"{len(texts)} from {texts[0]} to {texts[-1]}"
+    return f"{targets}, as given for the scene,"
 
 
 def _tolerance(epsilon: Epsilon) -> str:

@@ -157,28 +157,28 @@ def statistics(
     image: NDArray[np.floating[Any]], labels: Labels, measured: NDArray[np.bool_]
 ) -> tuple[Floats, NDArray[np.int64], Floats, Floats]:
     """Measured pixels, region after region; and their number, mean and standard deviation (with n - 1) in each."""
-    own, n = labels[measured], int(labels.max()) + 1
-    order = np.argsort(own, kind="stable")
-    own, values = own[order], image[measured][order].astype(np.float64)
-    n_pixels = np.bincount(own, minlength=n).astype(np.int64)
+    label, n = labels[measured], int(labels.max()) + 1
+    order = np.argsort(label, kind="stable")
+    label, values = label[order], image[measured][order].astype(np.float64)
+    n_pixels = np.bincount(label, minlength=n).astype(np.int64)
     with np.errstate(divide="ignore", invalid="ignore"):
-        mean = np.bincount(own, weights=values, minlength=n) / n_pixels
-        squares = np.bincount(own, weights=(values - mean[own]) ** 2, minlength=n)
+        mean = np.bincount(label, weights=values, minlength=n) / n_pixels
+        squares = np.bincount(label, weights=(values - mean[label]) ** 2, minlength=n)
         return values, n_pixels, mean, np.where(n_pixels > 1, np.sqrt(squares / (n_pixels - 1)), nan)
 
 
 def _planes(image: NDArray[np.floating[Any]], labels: Labels, measured: NDArray[np.bool_], n: int) -> dict[str, Floats]:
     """Middle of the measured pixels of each region, and slope of the plane through their light."""
-    own = labels[measured]
-    count = np.bincount(own, minlength=n)
+    label = labels[measured]
+    count = np.bincount(label, minlength=n)
 
     def mean(values: NDArray[np.floating[Any]]) -> Floats:
-        return np.asarray(np.bincount(own, weights=values, minlength=n) / count)
+        return np.asarray(np.bincount(label, weights=values, minlength=n) / count)
 
     rows, columns = np.nonzero(measured)
     with np.errstate(divide="ignore", invalid="ignore"):
         middle = np.stack([mean(columns + 0.5), mean(rows + 0.5)])
-        x, y = np.stack([columns + 0.5, rows + 0.5]) - middle[:, own]
+        x, y = np.stack([columns + 0.5, rows + 0.5]) - middle[:, label]
         xx, xy, yy = mean(x * x), mean(x * y), mean(y * y)
         light = image[measured].astype(np.float64)
         along_x, along_y = mean(x * light), mean(y * light)
@@ -189,12 +189,12 @@ def _planes(image: NDArray[np.floating[Any]], labels: Labels, measured: NDArray[
 def _noise(image: NDArray[np.floating[Any]], labels: Labels, measured: NDArray[np.bool_], n: int) -> Floats:
     """Estimate the standard deviation of the noise of each region from differences of its measured pixels."""
     both = measured[:-1, :-1] & measured[1:, 1:] & (labels[:-1, :-1] == labels[1:, 1:])
-    own = labels[:-1, :-1][both]
+    label = labels[:-1, :-1][both]
     sizes = np.abs(image[1:, 1:][both].astype(np.float64) - image[:-1, :-1][both])
-    order = np.lexsort((sizes, own))
-    n_sizes = np.bincount(own, minlength=n)
-    rank = np.arange(own.size) - np.repeat(np.cumsum(n_sizes) - n_sizes, n_sizes)
+    order = np.lexsort((sizes, label))
+    n_sizes = np.bincount(label, minlength=n)
+    rank = np.arange(label.size) - np.repeat(np.cumsum(n_sizes) - n_sizes, n_sizes)
     kept = order[rank < np.repeat((1 - _TRIMMED) * n_sizes, n_sizes)]
     with np.errstate(invalid="ignore"):
-        mean = np.bincount(own[kept], weights=sizes[kept], minlength=n) / np.bincount(own[kept], minlength=n)
+        mean = np.bincount(label[kept], weights=sizes[kept], minlength=n) / np.bincount(label[kept], minlength=n)
     return np.asarray(mean / (_MEAN_OF_TRIMMED * sqrt(2)))

@@ -86,18 +86,18 @@ def map_result(edge_map: ContrastMap, source: PictureSource, inputs: Sequence[In
 def edge_table(edge_map: ContrastMap, source: PictureSource) -> Table:
     """Return the edges but for noise and too small ones, kind by kind, those with the lowest CDP first."""
     orders = []
-    for one in edge_map.each:
-        shown = np.flatnonzero(~one.of_kind(EdgeKind.NOISE, EdgeKind.SMALL))
-        rank = np.array([list(KINDS).index(EdgeKind(kind)) for kind in one.edges.kind[shown]])
-        orders.append(shown[np.lexsort((one.edges.cdp[shown], rank))][: _MOST_ROWS // len(edge_map.each)])
+    for map_at_target in edge_map.each:
+        shown = np.flatnonzero(~map_at_target.of_kind(EdgeKind.NOISE, EdgeKind.SMALL))
+        rank = np.array([list(KINDS).index(EdgeKind(kind)) for kind in map_at_target.edges.kind[shown]])
+        orders.append(shown[np.lexsort((map_at_target.edges.cdp[shown], rank))][: _MOST_ROWS // len(edge_map.each)])
     return _edges_of(edge_map, source.unit, "edges", "Edges", orders).as_detail()
 
 
 def _of_contrast(edge_map: ContrastMap) -> list[NamedValue]:
     """List what is said of the whole image at a contrast to be detected."""
-    asked = "edges with at least the minimum contrast"
+    counted = "edges with at least the minimum contrast"
     return [
-        NamedValue("detected edges", edge_map.detected_share, "%", f"share of the {asked} that are detected"),
+        NamedValue("detected edges", edge_map.detected_share, "%", f"share of the {counted} that are detected"),
         NamedValue("detected length", edge_map.detected_border_share, "%", "the same by the length of the edges"),
         *(NamedValue(f"edges: {name}", edge_map.count(kind), "", meaning) for kind, (name, meaning) in KINDS.items()),
     ]
@@ -148,7 +148,7 @@ def _edges(edge_map: ContrastMap, unit: str) -> Table:
     """Return all edges at a contrast."""
     edges, regions, step = edge_map.edges, edge_map.regions, edge_map.luminance.step
     bright, dark, u_contrast = edges.bright, edges.dark, edges.contrast_standard_uncertainty
-    asked = edge_map.has_reference or edge_map.contrast is not None
+    has_target = edge_map.has_reference or edge_map.contrast is not None
     columns: tuple[tuple[Column, Any], ...] = (
         (Column("kind", "edge", "", "Whether the edge is detected."),
          [KINDS[EdgeKind(kind)][0] for kind in edges.kind]),
@@ -159,7 +159,7 @@ def _edges(edge_map: ContrastMap, unit: str) -> Table:
         (Column("dark_mean", "dark side", unit, "Mean of the darker region."), regions.mean[dark]),
         *zip(uncertain(Column("contrast", "contrast", "%", "Weber contrast of the means.")),
              (edges.contrast, Z_95 * u_contrast, u_contrast), strict=True),
-        (Column("asked_contrast", "target contrast", "%", "Contrast to be detected.", 3, shown=asked),
+        (Column("asked_contrast", "target contrast", "%", "Contrast to be detected.", 3, shown=has_target),
          edges.asked_contrast),
         (Column("cdp", "CDP", "", "Probability that a pair of pixels shows the target contrast.",
                 low="cdp_low", high="cdp_high"), edges.cdp),

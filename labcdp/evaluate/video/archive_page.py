@@ -47,8 +47,8 @@ def archive_result(archive: ArchiveResult) -> Result:
     """
     done = [outcome for outcome in archive.outcomes if outcome.values is not None]
     text = (
-        f"{len(done)} of {len(archive.outcomes)} videos were evaluated, {sum(outcome.resumed for outcome in done)} of them "
-        "in an earlier run. CDP refers to the reference contrast, otherwise to the first target contrast."
+        f"{len(done)} of {len(archive.outcomes)} videos were evaluated, {sum(outcome.resumed for outcome in done)} of "
+        "them in an earlier run. CDP refers to the reference contrast, otherwise to the first target contrast."
     )
     tables = [Table.of_items("videos", "Videos", _VIDEOS, map(_video, archive.outcomes), text)]
     for name, title, columns in (

@@ -219,7 +219,7 @@ def meter_scale(
 
 def _require_certificate_for(certificate: MeterCertificate, meter: MeterIdentity, first: datetime) -> None:
     """Refuse a certificate whose correction says nothing about readings of a meter, the first one at a time."""
-    if other := certificate.of_another_meter(meter):
+    if other := certificate.mismatched_meter(meter):
         raise CalibrationError(f"{other}, which took the readings: give the certificate of that meter")
     if not certificate.holds_at(first):
         raise CalibrationError(

@@ -80,7 +80,9 @@ def compare(
     sources = [subject.calibration if isinstance(subject, CalibratedSession) else subject for subject in subjects]
     epsilon = as_number(epsilon, "epsilon")
     if regions is not None:
-        return Comparison(compare_subjects(sources, _of_pictures(regions, contrast, epsilon, **options), progress))
+        return Comparison(
+            compare_subjects(sources, _picture_comparison(regions, contrast, epsilon, **options), progress)
+        )
     if requirement is not None:
         if contrast is not None or epsilon != 0.5 or any(np.ndim(value) for value in options.values()):
             raise InputError("a requirement has its own contrast, tolerance and luminances: leave out those given")
@@ -95,7 +97,7 @@ def compare(
     return Comparison(compare_subjects(sources, question, progress))
 
 
-def _of_pictures(
+def _picture_comparison(
     regions: PathArgument,
     contrast: Contrasts | None,
     epsilon: float,

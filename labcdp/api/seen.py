@@ -33,7 +33,7 @@ def seen_in(dataset: Dataset, requirement: Requirement) -> Iterator[SeenContrast
     rows = selected if "frame" in selected.dims else selected.expand_dims(frame=[-1])
     for frame in rows["frame"].values.tolist():
         for name in rows["pair"].values.tolist():
-            yield _of_pair(rows.sel(frame=frame, pair=name), str(name), "" if frame < 0 else f"frame {frame}")
+            yield _seen_contrast(rows.sel(frame=frame, pair=name), str(name), "" if frame < 0 else f"frame {frame}")
 
 
 def _at_contrast(dataset: Dataset, requirement: Requirement) -> Dataset:
@@ -45,7 +45,7 @@ def _at_contrast(dataset: Dataset, requirement: Requirement) -> Dataset:
     return dataset.isel(contrast=int(at[0])) if "contrast" in dataset.dims else dataset
 
 
-def _of_pair(pair: Dataset, name: str, where: str) -> SeenContrast:
+def _seen_contrast(pair: Dataset, name: str, where: str) -> SeenContrast:
     """Return a pair, with the luminance of its darker region or patch."""
     means = pair["mean"].values if "mean" in pair else pair["camera_luminance"].sel(patch=pair["region"].values).values
     known = pair.attrs.get("unit") == "cd/m^2" and bool(np.isfinite(means).any())

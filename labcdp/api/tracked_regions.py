@@ -101,7 +101,7 @@ class TrackedRegions:
         settings = [self._of(pair, common, known) for pair in self.pairs]
         results = list(zip(self.pairs, self.evaluate(settings, progress), strict=True))
         datasets = [
-            _of_pair(pair_result, request.values is None)
+            _named_pair(pair_result, request.values is None)
             for _, pair_result in results
             if not isinstance(pair_result, LabcdpError)
         ]
@@ -147,7 +147,7 @@ def _attributes(attributes: Sequence[dict[str, Any]], failed: Sequence[Finding])
     return {**{name: attributes[0][name] for name in kept}, **noted(merged), "labcdp_version": version("labcdp")}
 
 
-def _of_pair(dataset: Dataset, measured: bool) -> Dataset:
+def _named_pair(dataset: Dataset, measured: bool) -> Dataset:
     """Results of a pair with its name; with the measured contrast as a coordinate."""
     bright, dark = dataset["region"].values
     dataset = dataset.drop_vars("region").rename({"region": "side"})

@@ -68,7 +68,7 @@ class Chain(ChainParts):
                 stages.setdefault(name, signal)
             if sensor is not None:
                 behind = self._behind_sensor(sensor, signal, context)
-                stages |= {self.of_sensor(name, sensor_name): result for name, result in behind.items()}
+                stages |= {self.sensor_stage_name(name, sensor_name): result for name, result in behind.items()}
         return ChainRun(self, seed, stages)
 
     def front(self, levels_cd_m2: NDArray[np.float64], shares: NDArray[np.float64]) -> Signal:

@@ -257,7 +257,11 @@ class ChainParts:
         front = ("scene", *(name for name, _ in self.before))
         return (
             *front,
-            *(self.of_sensor(name, sensor_name) for sensor_name, _ in self.sensors for name in self.recorded_names),
+            *(
+                self.sensor_stage_name(name, sensor_name)
+                for sensor_name, _ in self.sensors
+                for name in self.recorded_names
+            ),
         )
 
     @property
@@ -265,7 +269,7 @@ class ChainParts:
         """The sensor in the words of a run, by the name of each of its exposures."""
         n = 0 if self.settings is None else len(self.settings.exposure_s)
         return {
-            self.of_sensor(name, sensor_name): self.of_sensor("sensor", sensor_name)
+            self.sensor_stage_name(name, sensor_name): self.sensor_stage_name("sensor", sensor_name)
             for sensor_name, _ in self.sensors
             for name in self.recorded_names[:n]
         }
@@ -276,7 +280,7 @@ class ChainParts:
         front = ("scene", *(name for name, _ in self.before))
         recorded = self.recorded_names
         branches = {
-            sensor_name: (*front, *[self.of_sensor(name, sensor_name) for name in recorded])
+            sensor_name: (*front, *[self.sensor_stage_name(name, sensor_name) for name in recorded])
             for sensor_name, _ in self.sensors
         }
         return branches or {"": front}
@@ -286,6 +290,6 @@ class ChainParts:
         """Names of the last signal of each sensor; without a sensor, of the last one."""
         return tuple(names[-1] for names in self.branches.values())
 
-    def of_sensor(self, name: str, sensor_name: str) -> str:
+    def sensor_stage_name(self, name: str, sensor_name: str) -> str:
         """Name in a run of what one sensor gives."""
         return f"{name} ({sensor_name})" if len(self.sensors) > 1 else name

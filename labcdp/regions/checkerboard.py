@@ -187,10 +187,10 @@ def _quadrilaterals(corners: Corners) -> tuple[NDArray[np.float64], NDArray[np.b
     near = binary_dilation(seen, np.ones((3, 3), dtype=np.bool_))[..., None]
     places = np.where(seen[..., None], padded, np.where(near, expected(padded), np.nan))
 
-    def of_squares(values: NDArray[Any]) -> NDArray[Any]:
+    def around_squares(values: NDArray[Any]) -> NDArray[Any]:
         return np.stack([values[:-1, :-1], values[:-1, 1:], values[1:, 1:], values[1:, :-1]], axis=2)
 
-    return of_squares(places), np.asarray(of_squares(seen).all(axis=2))
+    return around_squares(places), np.asarray(around_squares(seen).all(axis=2))
 
 
 def _tones(squares: NDArray[np.float64], image: FloatImage) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -109,10 +109,10 @@ def _shape(data: bytes, entry: str) -> Shape:
     with damage_reported(f"{where} cannot be read", ": save it again in ImageJ, or draw it as a polygon"):
         read = ImagejRoi.frombytes(data)
         name = _clean(read.name) or _clean(entry)
-        return _of_kind(read, name, f"ImageJ region {quoted(name)}")
+        return _shape_for_kind(read, name, f"ImageJ region {quoted(name)}")
 
 
-def _of_kind(read: ImagejRoi, name: str, where: str) -> Shape:
+def _shape_for_kind(read: ImagejRoi, name: str, where: str) -> Shape:
     kind = read.roitype
     if what := _NO_REGION.get(read.subtype) or _LINES.get(kind):
         raise InputError(f"{where} is of the kind {what}, which has no area: leave it out, or draw an area")

@@ -156,7 +156,7 @@ def new_shapes(shapes: Iterable[Shape], known: Sequence[Shape]) -> tuple[Shape, 
 
     Parameters
     ----------
-    found : iterable of Shape
+    shapes : iterable of Shape
         Such as what a detection finds.
     known : sequence of Shape
         What there is.

@@ -261,7 +261,7 @@ class MeterCertificate(Table):
         """What tells it from other certificates, and what is done to the readings."""
         return self.number, self.laboratory, self.date, self.correction
 
-    def of_another_meter(self, meter: MeterIdentity) -> str:
+    def mismatched_meter(self, meter: MeterIdentity) -> str:
         """Say which other meter it was issued for; empty if it may be this one.
 
         A model may be stated with the name of its maker.
@@ -327,7 +327,7 @@ class MeterConfiguration(Table):
 
     @model_validator(mode="after")
     def _own_certificate(self) -> Self:
-        if self.certificate and (other := self.certificate.of_another_meter(self.identity)):
+        if self.certificate and (other := self.certificate.mismatched_meter(self.identity)):
             raise ValueError(f"has the certificate of another meter: {other}: give that of this meter")
         return self
 

@@ -72,21 +72,21 @@ class Gate:
             return "this page is served on loopback only: open the address labcdp printed"
         if origin is not None and urlsplit(origin).netloc.lower() != host.lower():
             return "requests from other pages are refused"
-        if not (self._known(self._of_query(query)) or self._known(self._of_cookies(cookies))):
+        if not (self._known(self._token_in_query(query)) or self._known(self._token_in_cookies(cookies))):
             return "the address lacks its token: open the complete address labcdp printed"
         return ""
 
     def has_token(self, query: str) -> bool:
         """Whether a query string contains the token."""
-        return self._known(self._of_query(query))
+        return self._known(self._token_in_query(query))
 
     def _known(self, text: str) -> bool:
         return compare_digest(text.encode(), self.token.encode())
 
-    def _of_query(self, query: str) -> str:
+    def _token_in_query(self, query: str) -> str:
         return parse_qs(query).get(TOKEN, [""])[0]
 
-    def _of_cookies(self, header: str) -> str:
+    def _token_in_cookies(self, header: str) -> str:
         try:
             cookie = SimpleCookie(header).get(self.cookie)
         except CookieError:

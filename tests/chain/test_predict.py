@@ -230,11 +230,11 @@ def test_a_merge_of_many_values_has_bins_that_fit_in_memory():
     settings = replace(chain.settings, exposure_s=(1e-4, 2.66e-4, 2.66e-2))
     sensor = replace(chain.camera().sensor, read_noise_e=10.0, dsnu_e=0.0, column_dsnu_e=0.0, row_dsnu_e=0.0)
     camera = CameraModel(sensor, settings, Hdr("weighted", 24))
-    found = ValueBins.of_merge(camera)
+    found = ValueBins.for_merge(camera)
     assert found.values.size < 500_000
     assert (np.diff(found.edges) > 0).all()
     assert found.values[found.exact][0] == 0
     camera = replace(camera, settings=replace(settings, exposure_s=(0.01, 0.003, 0.001, 3e-4, 1e-4, 3e-5)))
-    assert ValueBins.of_merge(camera).values.size < 500_000
+    assert ValueBins.for_merge(camera).values.size < 500_000
     with pytest.raises(PredictionError, match="too many values of the merge"):
-        ValueBins.of_merge(replace(camera, sensor=replace(sensor, read_noise_e=0.0)))
+        ValueBins.for_merge(replace(camera, sensor=replace(sensor, read_noise_e=0.0)))

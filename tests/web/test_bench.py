@@ -281,11 +281,11 @@ def test_many_messages_are_answered_with_one_refresh(tmp_path):
     for n in range(100):
         link.view = [0.0, 0.0, 8.0 + n, 8.0, 4, 4]
         link.sent = json.dumps({"do": "select", "name": None, "serial": n})
-    waiting, told = list(page.document.session_callbacks), link.told
+    waiting, n_refreshes = list(page.document.session_callbacks), link.n_refreshes
     assert len(waiting) == 2
     for one in waiting:
         one.callback()
-    assert link.told == told + 1
+    assert link.n_refreshes == n_refreshes + 1
     assert json.loads(link.answers) == {str(n): True for n in range(100)}
 
 

@@ -129,14 +129,16 @@ def _sensor(chain: Chain, stage: str) -> tuple[Sensor, str]:
     """Sensor that a stage belongs to, and the stage's name without the sensor's."""
     for sensor_name, sensor in chain.sensors:
         for name in chain.recorded_names:
-            if chain.of_sensor(name, sensor_name) == stage:
+            if chain.sensor_stage_name(name, sensor_name) == stage:
                 if isinstance(sensor, Sensor):
                     return sensor, name
                 raise PredictionError(
                     f"sensor {sensor_name!r} is not an EMVA 1288 sensor, the only kind that can be predicted: "
                     "simulate instead"
                 )
-    known = [chain.of_sensor(name, sensor_name) for sensor_name, _ in chain.sensors for name in chain.recorded_names]
+    known = [
+        chain.sensor_stage_name(name, sensor_name) for sensor_name, _ in chain.sensors for name in chain.recorded_names
+    ]
     raise PredictionError(
         f"stage is {stage!r}, which cannot be predicted: give one of {', '.join(known) or 'a sensor'}"
     )

@@ -125,7 +125,7 @@ class _Pixels:
     def merged(self, rate: int) -> tuple[FloatArray, FloatArray]:
         """Values in rising order, and the probability below each and of all: of all combinations, or of points."""
         shares, points, parts = zip(*(exposure.at(rate) for exposure in self.exposures), strict=True)
-        if prod(one.size for one in shares) <= _ALL:
+        if prod(share.size for share in shares) <= _ALL:
             values = self.merge(list(zip(*(np.ix_(*part) for part in zip(*parts, strict=True)), strict=True))).ravel()
             order = values.argsort()
             below = np.cumsum(reduce(np.multiply.outer, shares).ravel()[order])

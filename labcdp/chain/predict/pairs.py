@@ -123,19 +123,19 @@ class _BrightPatches:
 
     def up_to(self, bins: ValueBins, cells: NDArray[np.intp], limits: FloatArray) -> FloatArray:
         """Probability of values of at most some limits of some cells, shape (n, k)."""
-        whole, index = self._place(bins, cells, limits)
+        whole, index = self._bin_index(bins, cells, limits)
         values: FloatArray = self.at.take(index)
         return values + (limits - bins.starts.take(whole)) * self.slope.take(index) if self.slope.size else values
 
     def mean_up_to(self, bins: ValueBins, cells: NDArray[np.intp], ends: FloatArray) -> FloatArray:
         """Mean of `up_to` over limits spread evenly between each two of some `ends`, shape (n, k); k is one less."""
-        whole, index = self._place(bins, cells, ends)
+        whole, index = self._bin_index(bins, cells, ends)
         along = ends - bins.starts.take(whole)
         area = self.area.take(index) + along * (self.at.take(index) + along * self.slope.take(index) / 2)
         length = np.diff(ends, axis=1)
         return np.divide(np.diff(area, axis=1), length, out=np.zeros_like(length), where=length > 0)
 
-    def _place(
+    def _bin_index(
         self, bins: ValueBins, cells: NDArray[np.intp], limits: FloatArray
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Bins that limits lie in, and where they stand in `at`."""

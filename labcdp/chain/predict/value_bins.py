@@ -129,7 +129,7 @@ class ValueBins:
         return cls(np.append(values, values[-1] + 1), values, np.ones(values.size, dtype=np.bool_))
 
     @classmethod
-    def of_merge(cls, camera: CameraModel) -> ValueBins:
+    def for_merge(cls, camera: CameraModel) -> ValueBins:
         """Bins of the value of a camera that merges exposures by "linear" or "weighted".
 
         They are even in standard deviations of the value, and hold one value each where these are far apart. The last

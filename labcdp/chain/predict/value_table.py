@@ -214,7 +214,7 @@ class _TableMaker:
         net_dn = np.arange(2.0**camera.sensor.bits) - camera.sensor.black_level_dn
         merge = partial(merged_rows, camera.hdr.method, ladder, exposures, frequency, net_dn)
         if tone_curve is None:
-            bins = ValueBins.of_merge(camera)
+            bins = ValueBins.for_merge(camera)
             rows = merge(bins.edges)
         else:
             bins = _codes(tone_curve)

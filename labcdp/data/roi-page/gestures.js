@@ -408,8 +408,8 @@ figure.document.on_event("connection_lost", () => {
   }, 2000)
 })
 // labcdp waits with the next refresh until the one before was handled, so that none pile up for a browser that sleeps.
-link.heard = link.told
-link.properties.told.change.connect(() => link.heard = link.told)
+link.n_handled = link.n_refreshes
+link.properties.n_refreshes.change.connect(() => link.n_handled = link.n_refreshes)
 
 const TAB = "labcdp tab"
 sessionStorage.setItem(TAB, sessionStorage.getItem(TAB) ?? Math.random().toString(36).slice(2))

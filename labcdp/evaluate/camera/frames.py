@@ -75,7 +75,7 @@ def measure_session(session: Session, report: Callable[[int, int], None]) -> Ses
     InputError
         If a patch lies outside the image.
     """
-    records, findings = _of_one_gain(session.frames())
+    records, findings = _frames_of_one_gain(session.frames())
     load = frame_loader(report, len(records))
     plane = None if planes_of(session) == (None,) else COLOUR_PLANE
     patches = [patch.region() for patch in session.configuration.target.patches]
@@ -102,7 +102,7 @@ def measure_session(session: Session, report: Callable[[int, int], None]) -> Ses
     return SessionFrames(darks[0].state, darks, levels, tuple(findings))
 
 
-def _of_one_gain(records: Sequence[FrameRecord]) -> tuple[list[FrameRecord], list[Finding]]:
+def _frames_of_one_gain(records: Sequence[FrameRecord]) -> tuple[list[FrameRecord], list[Finding]]:
     """Frames of the gain that has the most: all quantities belong to one gain."""
     gains = Counter(record.gain_db for record in records)
     if not gains:

@@ -37,7 +37,7 @@ _RESULTS = "EMVA 1288 results"
 
 
 class _Stated(Table):
-    """What data sheets state instead of a key of the sensor; see `_of_sheet`."""
+    """What data sheets state instead of a key of the sensor; see `_read_data_sheet`."""
 
     wavelength_nm: Number | None = Field(None, ge=100, le=3000, description="a wavelength from 100 to 3000 nm")
     saturation_photons: Positive | None = Field(None, le=1e9, description="a number above 0, up to 1e9 photons")
@@ -78,7 +78,7 @@ def with_emva1288(chain: AnyChain, path: Path) -> tuple[AnyChain, dict[str, str]
         raise InputError(f"{chain.name or 'the chain'} has no single sensor of type emva1288: take another preset")
     folder = path / "results.json"
     file = folder if folder.is_file() else path
-    values, notes = (_of_sheet if file.suffix.lower() == ".toml" else _of_results)(file, sensors[0])
+    values, notes = (_read_data_sheet if file.suffix.lower() == ".toml" else _read_results)(file, sensors[0])
     changes = {f"sensor.{name}": value for name, value in values.items()}
     name = file.parent.name if file.name == "results.json" else file.stem
     made = replace(chain, source=f"{file} with {chain.source}").with_(**changes, name=name)
@@ -101,7 +101,7 @@ def commented_toml(head: Sequence[str], document: Mapping[str, Any], comments: M
     return "".join(f"# {printable(line)}\n" for line in head) + toml_text(document, comments)
 
 
-def _of_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, str]]:
+def _read_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, str]]:
     content = read_json(path, "results of labcdp characterise")
     if not isinstance(content, dict) or content.get("schema") != SCHEMA or content.get("kind") != "characterise":
         raise InputError(f"{path} holds no results of labcdp characterise: give these, or a TOML with [emva1288]")
@@ -139,7 +139,7 @@ def _of_results(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, s
     return values | {"full_well_e": wells_e[origin]}, notes | {"full_well_e": note}
 
 
-def _of_sheet(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, str]]:
+def _read_data_sheet(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[str, str]]:
     """Return the values of a data sheet, by the relations of EMVA 1288 Release 4.0 Linear.
 
     mu_e.sat = eta mu_p.sat = SNR_max^2, DR = mu_e.sat / mu_e.min, mu_e.min = eta mu_p.min = sigma_y.dark / K + 1/2,

@@ -147,7 +147,7 @@ def compare_subjects(
     ----------
     sources : sequence
         At least two.
-    asked : Question, ImageSettings or None
+    question : Question, ImageSettings or None
         What chains or pictures are asked; None for CDP over the luminance.
     progress : callable or None
         Called with the number of cells of a chain's prediction that are done, and of all.

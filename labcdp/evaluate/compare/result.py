@@ -73,9 +73,9 @@ def answer(comparison: Comparison) -> tuple[Finding, ...]:
     if all(np.all(difference.value == 0) for difference in differences):
         return (info("compare-equal"),)
     if comparison.analyses:
-        return tuple(_of_maps(comparison))
+        return tuple(_map_findings(comparison))
     if comparison.grid is not None:
-        return tuple(_of_responsivities(comparison, comparison.grid))
+        return tuple(_responsivity_findings(comparison, comparison.grid))
     significant = [row for row in comparison.rows if row.difference.significant]
     if not significant:
         return (info("compare-agree", n=len(comparison.rows)),)
@@ -89,7 +89,7 @@ def answer(comparison: Comparison) -> tuple[Finding, ...]:
     return (info("compare-differ", row.name, **values, **of, z=float(row.difference.z)),)
 
 
-def _of_responsivities(comparison: Comparison, grid: Grid) -> Iterator[Finding]:
+def _responsivity_findings(comparison: Comparison, grid: Grid) -> Iterator[Finding]:
     for subject, difference in zip(comparison.subjects[1:], grid.differences, strict=True):
         share = float(np.mean(difference.significant))
         code = "compare-responsivity-differs" if share else "compare-responsivity-agrees"
@@ -97,7 +97,7 @@ def _of_responsivities(comparison: Comparison, grid: Grid) -> Iterator[Finding]:
         yield info(code, subject.name, first=comparison.subjects[0].name, share=share, ends=ends)
 
 
-def _of_maps(comparison: Comparison) -> Iterator[Finding]:
+def _map_findings(comparison: Comparison) -> Iterator[Finding]:
     grid = comparison.grid
     assert grid is not None
     axis, analyses = grid.axes[-1], comparison.analyses

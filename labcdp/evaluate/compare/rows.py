@@ -125,11 +125,11 @@ def _cdp(quantity: str, row: Mapping[str, Any], pixels: Source, calibration: Sou
     return Named(value, value - low, high - value, parts, (), quantity, "", True)
 
 
-def _parts(u: float, u_own: float, own: Source, other: Source) -> dict[Source, float]:
+def _parts(u: float, u_own: float, own_source: Source, other: Source) -> dict[Source, float]:
     """Return the parts of an uncertainty by an error of its own and by another one, over the whole."""
     # Of a CDP of 0 or 1 both are 0, and the interval is by the number of pixels.
     part = min(u_own / u, 1.0) if u > 0 else 1.0
-    return {own: part, other: sqrt(1 - part**2)}
+    return {own_source: part, other: sqrt(1 - part**2)}
 
 
 def _number(value: Any) -> float:

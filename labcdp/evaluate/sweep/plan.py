@@ -229,7 +229,7 @@ def on_axis(chain: Chain) -> tuple[Finding, ...]:
     return (info("map-on-axis"),) if lens else ()
 
 
-def of_scene(chain: Chain, parameter: str) -> bool:
+def is_scene_parameter(chain: Chain, parameter: str) -> bool:
     """Whether a parameter is one of the scene that needs no new chain."""
     table, _, key = parameter.partition(".")
     return table == "scene" and key in {field.name for field in fields(chain.scene)} - {"width", "height"}  # type: ignore[arg-type]

@@ -21,7 +21,7 @@ from ...core.quantity import Quantity
 from ...metrics.contrast import each_contrast
 from ...output import Destination, results_journal
 from .maps.axes import TO_DETECT, UNITS, VARIABLES
-from .plan import Axis, Sweep, of_scene
+from .plan import Axis, Sweep, is_scene_parameter
 from .simulation.evaluation import evaluate_pair
 from .simulation.rows import PairRow, StageLuminance
 
@@ -71,7 +71,10 @@ def labelled(sweep: Sweep, values: NDArray[np.float64]) -> Dataset:
 
 def _scene_contrast(sweep: Sweep) -> float:
     """Contrast of the scene if it is the same in all cells, else nan."""
-    if any(of_scene(sweep.chain, axis.parameter) and axis.parameter != "scene.luminance_cd_m2" for axis in sweep.axes):
+    if any(
+        is_scene_parameter(sweep.chain, axis.parameter) and axis.parameter != "scene.luminance_cd_m2"
+        for axis in sweep.axes
+    ):
         return float("nan")
     return float(getattr(sweep.chain.scene, "contrast", float("nan")))
 
@@ -183,7 +186,7 @@ def _blocks(sweep: Sweep, done: NDArray[np.bool_]) -> list[range]:
     # Contrasts and axes of the scene at the end of the list need no new chain, so their cells are predicted together.
     trailing = 1
     for axis in reversed(sweep.dimensions):
-        if axis.parameter != TO_DETECT and not of_scene(sweep.chain, axis.parameter):
+        if axis.parameter != TO_DETECT and not is_scene_parameter(sweep.chain, axis.parameter):
             break
         trailing *= len(axis.values)
     return [
@@ -206,7 +209,7 @@ def _predicted(block: range, sweep: Sweep) -> NDArray[np.float64]:
 
     settings = [_setting(sweep, cell) for cell in block]
     targets = [cell.pop(TO_DETECT, sweep.contrast) for cell in settings]
-    in_scene = [name for name in settings[0] if of_scene(sweep.chain, name)]
+    in_scene = [name for name in settings[0] if is_scene_parameter(sweep.chain, name)]
     # A block has one value of each parameter outside the scene; see `_blocks`.
     outside = {name: value for name, value in settings[0].items() if name not in in_scene}
     inside = {name.partition(".")[2]: [cell[name] for cell in settings] for name in in_scene}

@@ -126,7 +126,7 @@ def twin_session(
     if not compared:
         raise CalibrationError(f"no two patches can be compared: {'; '.join(map(finding_text, of_left_out))}")
     of_calibration = [finding for finding in calibration.findings if finding.severity != "info"]
-    corrected = _of_corrections(twin, {o.exposure_s for o in usable})
+    corrected = _correction_findings(twin, {o.exposure_s for o in usable})
     response = calibration.response
     return TwinEvaluation(
         observed=observed,
@@ -206,7 +206,7 @@ def _findings(left_out: _LeftOut) -> Iterator[Finding]:
         yield finding(code, n_pairs=len(names), example=names[0], pairs=names, least_contrast=LEAST_CONTRAST)
 
 
-def _of_corrections(twin: TwinParameters, exposures_s: Collection[float]) -> Iterator[Finding]:
+def _correction_findings(twin: TwinParameters, exposures_s: Collection[float]) -> Iterator[Finding]:
     """Yield what is compared instead of DSNU and PRNU."""
     corrected_s = [t for t in sorted(exposures_s) if twin.takes_pattern_off(t)]
     if corrected_s:

@@ -170,13 +170,13 @@ def _shifted(
     errors = [
         (a, b) for a, b in zip(seen[0].errors, seen[1].errors, strict=True) if abs(a.relative - b.relative) > _CANCELLED
     ]
-    if any(a.of_darkness for a, _ in errors):
+    if any(a.is_additive for a, _ in errors):
         # The calibration knows more about it: temperature, and its effect on the fit.
         del bright["dark signal"], dark["dark signal"]
     for number, (a, b) in enumerate(errors):
         name = f"{a.source} of the calibration ({number})"
         for shifted, best, error in ((bright, predicted[0].best, a), (dark, predicted[1].best, b)):
-            shifted[name] = added(best, error.luminance_cd_m2) if error.of_darkness else scaled(best, error.relative)
+            shifted[name] = added(best, error.luminance_cd_m2) if error.is_additive else scaled(best, error.relative)
     unchanged = [(region.best, region.best) for region in predicted]
     return {
         name: list(zip(bright.get(name, unchanged[0]), dark.get(name, unchanged[1]), strict=True))

@@ -41,7 +41,7 @@ class RegionError:
     relative: float
 
     @property
-    def of_darkness(self) -> bool:
+    def is_additive(self) -> bool:
         """Whether the error is additive (the same luminance for all pixels) rather than relative."""
         return self.source.startswith("dark")
 

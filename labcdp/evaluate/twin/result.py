@@ -83,14 +83,14 @@ def _signals(evaluation: TwinEvaluation) -> Table:
         Column("exposure_s", "exposure", "s", "Longest that does not saturate the patch.", digits=0, time=True),
     ]
     for kind, label in KINDS.items():
-        columns += _of_kind(kind, label)
+        columns += _columns_for_kind(kind, label)
     table = Table.of_items(
         "signals", "Signal of each patch", columns, evaluation.patches, "± is U (95 %).", detail=True
     )
     return table.sorted_by("luminance_cd_m2")
 
 
-def _of_kind(kind: str, label: str) -> tuple[Column, ...]:
+def _columns_for_kind(kind: str, label: str) -> tuple[Column, ...]:
     meaning = "Measured minus predicted (for noise, of the variances), divided by its standard uncertainty."
     measured, predicted = (Column(f"{of}_{kind}", f"{label}, {of}", "DN") for of in ("measured", "predicted"))
     return (

@@ -253,7 +253,8 @@ class LiveMeasurements(Measurements):
         limited = {roi for shape in drawing.shapes if shape.limits_cd_m2 is not None for roi in shape.rois()}
         judged = {roi: self._evaluated(roi, numbers) for roi, numbers in self._known.items() if roi in limited}
         others = {
-            roi: replace(numbers, evaluated=True, result=self._of_pair(roi)) for roi, numbers in self._known.items()
+            roi: replace(numbers, evaluated=True, result=self._result_in_pair(roi))
+            for roi, numbers in self._known.items()
         }
         yield Measured(others | judged, self._pair, tuple(self._measured_besides(drawing)), self.image.taken)
 

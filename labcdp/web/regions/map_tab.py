@@ -101,8 +101,8 @@ class MapTab:
         self._shown.param.watch(lambda event: later(partial(self._show, event.new)), "value")
         self._kind.param.watch(lambda _event: later(self._rescale), "value")
         self._fit.on_click(lambda _event: later(self._fit_scale))
-        page.of_view(self._isolines, self._set_levels)
-        page.of_view(self._line, self._set_ends)
+        page.watch_view(self._isolines, self._set_levels)
+        page.watch_view(self._line, self._set_ends)
         self._picture.link.on_change(
             "line",
             lambda _attr, _old, new: self._line.param.update(

@@ -191,11 +191,11 @@ class Measurements:
         done = replace(numbers, evaluated=True)
         try:
             done = replace(done, findings=check_region(self.image.values, self.image.saturated, roi))
-            return replace(done, result=self._of_pair(roi) or measure_region(self.image.pixels(roi)))
+            return replace(done, result=self._result_in_pair(roi) or measure_region(self.image.pixels(roi)))
         except LabcdpError as error:
             return replace(done, error=str(error))
 
-    def _of_pair(self, roi: Roi) -> RegionLight | None:
+    def _result_in_pair(self, roi: Roi) -> RegionLight | None:
         """Return the result of a region from that of the pair."""
         pair = None if self._pair is None else self._pair.result
         return None if pair is None else next((region for region in (pair.a, pair.b) if region.roi == roi), None)

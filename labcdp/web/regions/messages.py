@@ -39,7 +39,7 @@ class Link(DataModel):  # type: ignore[misc]
         Pixel under the pointer; empty outside the image.
     line : list of float
         Ends x, y, x, y of the last line drawn for a profile; empty if none.
-    told, heard : int
+    n_refreshes, n_handled : int
         Number of the newest refresh, and of the newest one that the browser has handled.
     drawn : int
         Number of the newest image that the browser has drawn.
@@ -54,8 +54,8 @@ class Link(DataModel):  # type: ignore[misc]
     view = List(Float)
     pointer = List(Int)
     line = List(Float)
-    told = Int(default=0)
-    heard = Int(default=0)
+    n_refreshes = Int(default=0)
+    n_handled = Int(default=0)
     drawn = Int(default=0)
     tab = String(default="")
 
@@ -129,30 +129,30 @@ def change(drawing: Drawing, message: Mapping[str, Any]) -> tuple[Drawing, str |
 def _drawn(what: str, name: str, message: Mapping[str, Any], size: ImageSize) -> Shape:
     if what == "box":
         return edit.box_shape(
-            _field(message, "kind", str), name, _place(message, "start"), _place(message, "end"), size
+            _field(message, "kind", str), name, _position(message, "start"), _position(message, "end"), size
         )
     corners = message.get("corners")
     if not isinstance(corners, list) or len(corners) > _MOST_CORNERS:
         raise InputError(f"a polygon has 3 to {_MOST_CORNERS} corners: draw it again")
-    return edit.polygon_shape(name, tuple(_place({"corner": corner}, "corner") for corner in corners), size)
+    return edit.polygon_shape(name, tuple(_position({"corner": corner}, "corner") for corner in corners), size)
 
 
 def _edited(what: str, shape: Shape, message: Mapping[str, Any], size: ImageSize) -> Shape:
     match what:
         case "corner":
-            return edit.with_handle(shape, _field(message, "at", int), _place(message, "to"), size)
+            return edit.with_handle(shape, _field(message, "at", int), _position(message, "to"), size)
         case "insert":
-            return edit.with_corner(shape, _field(message, "after", int), _place(message, "at"), size)
+            return edit.with_corner(shape, _field(message, "after", int), _position(message, "at"), size)
         case "remove corner":
             return edit.without_corner(shape, _field(message, "at", int))
         case "move":
-            return edit.moved(shape, _place(message, "by"), size)
+            return edit.moved(shape, _position(message, "by"), size)
         case "limits":
             return replace(shape, limits_cd_m2=message.get("of"))
     raise InputError(f"the page asked for {what!r}, which is unknown: reload it")
 
 
-def _place(message: Mapping[str, Any], key: str) -> Corner:
+def _position(message: Mapping[str, Any], key: str) -> Corner:
     value = message.get(key)
     if isinstance(value, list) and [type(coordinate) in (int, float) for coordinate in value] == [True, True]:
         return float(value[0]), float(value[1])

@@ -24,7 +24,7 @@ from .workspace import Workspace
 #: Changes within this time are one refresh.
 _SOON_MS = 30
 #: Refreshes on the way to a browser.
-_MOST_UNHEARD = 3
+_MOST_UNHANDLED = 3
 #: Place of messages: two lines, more are scrolled to. Where all of the page scrolls it stays in sight, and what is
 #: below it can be pressed while it is empty.
 _MESSAGES_PX = 54
@@ -138,7 +138,7 @@ class Page(Widgets):
     def changed(self) -> None:
         """Schedule a refresh, once the browser has handled those before; call it in the server's loop."""
         link = self.picture.link
-        self._late = link.told - link.heard > _MOST_UNHEARD
+        self._late = link.n_refreshes - link.n_handled > _MOST_UNHANDLED
         if not self._late:
             self.soon(self.update)
 
@@ -163,7 +163,7 @@ class Page(Widgets):
             self._update()
             for follow in self.after_update:
                 follow()
-            link.told += 1
+            link.n_refreshes += 1
             # With what is refreshed: a person who sees why a shape is refused can go on with it.
             if self._answers:
                 link.answers, self._answers = json.dumps(self._answers), {}
@@ -241,7 +241,7 @@ class Page(Widgets):
     def _connect(self) -> None:
         link, workspace = self.picture.link, self.workspace
         link.on_change("sent", lambda _attr, _old, new: self._received(new))
-        link.on_change("heard", lambda _attr, _old, _new: self.changed() if self._late else None)
+        link.on_change("n_handled", lambda _attr, _old, _new: self.changed() if self._late else None)
         link.on_change("view", lambda _attr, _old, _new: self.soon(self._look))
         link.on_change("pointer", lambda _attr, _old, _new: self.soon(self._point))
         self._method.param.watch(

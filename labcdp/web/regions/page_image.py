@@ -85,12 +85,12 @@ class PageImage:
         light, findings = converter.luminance(picture), unique(converter.findings(picture))
         name, unit = printable(picture.path.name), converter.unit_of(picture)
         if picture.frame is not None:
-            return cls.of_frame(name, picture.frame, light, unit, findings)
+            return cls.from_frame(name, picture.frame, light, unit, findings)
         assert picture.light is not None, "a picture has a frame or light"
         return cls(name, picture.light, False, None, light, unit, findings)
 
     @classmethod
-    def of_frame(
+    def from_frame(
         cls, name: str, frame: Frame, light: LuminanceMap | LightOf, unit: str, findings: tuple[Finding, ...] = ()
     ) -> PageImage:
         """Join a frame with its luminance."""
@@ -102,7 +102,7 @@ class PageImage:
         """Prepare to convert a frame; raises CalibrationError if it is not of the calibrated camera or setting."""
         convert = partial(converter.convert, frame)
         convert((slice(0, 1), slice(0, 1)))
-        image = cls.of_frame("live", frame, convert, converter.unit)
+        image = cls.from_frame("live", frame, convert, converter.unit)
         return replace(image, saturation_dn=frame.saturation_dn, taken=(frame.exposure_s, frame.gain_db))
 
     @property
@@ -265,7 +265,7 @@ def video_image(path: Path, at: Position, converter: Converter) -> PageImage:
     number, frame = _frame(source, at)
     name = printable(f"{path.name or path.resolve().name}, frame {number}")
     findings = unique((*source.findings, *converter_findings(converter, source)))
-    return PageImage.of_frame(name, frame, converter.convert(frame), converter.unit, findings)
+    return PageImage.from_frame(name, frame, converter.convert(frame), converter.unit, findings)
 
 
 def _frame(source: VideoSource, at: Position) -> tuple[int, Frame]:

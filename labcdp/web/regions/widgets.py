@@ -191,7 +191,7 @@ class Widgets:
 
         field.param.watch(entered, "enter_pressed")
 
-    def of_view(self, field: Any, action: Callable[[str], object]) -> None:
+    def watch_view(self, field: Any, action: Callable[[str], object]) -> None:
         """Call `action` with each new text of a field that changes what this tab shows only."""
 
         def watcher(event: Any) -> None:

@@ -105,7 +105,7 @@ def test_each_edge_is_of_one_kind():
     invalid = np.where(image > 2900, Invalid.SATURATED, 0).astype(np.uint8)
     found = contrast_map(map_of(image, invalid=invalid))
     assert sum(found.count(kind) for kind in EdgeKind) == found.edges.kind.size
-    x = np.where(found.of_kind(EdgeKind.SMALL), np.nan, found.edges.middle_px[:, 0])
+    x = np.where(found.mask_of_kinds(EdgeKind.SMALL), np.nan, found.edges.middle_px[:, 0])
     for kind, place in ((EdgeKind.FAINT, 160), (EdgeKind.SATURATED, 320), (EdgeKind.SATURATED, 480)):
         assert set(found.edges.kind[np.abs(x - place) < 1]) == {kind}
     black = found.edges.kind[x > 540]
@@ -148,7 +148,7 @@ def test_contrasts_of_a_texture_are_not_called_noise():
     """Clear against the noise of the pixels, and less than the texture of their regions."""
     stones = np.random.default_rng(1).uniform(0.3, 1.7, (50, 60)).repeat(8, axis=0).repeat(8, axis=1)
     found = contrast_map(map_of(_halves(dark=100.0, bright=160.0, noise=0.5) * stones))
-    high = (found.edges.contrast > 0.1) & ~found.of_kind(EdgeKind.SMALL)
+    high = (found.edges.contrast > 0.1) & ~found.mask_of_kinds(EdgeKind.SMALL)
     assert high.sum() > 100
     assert set(found.edges.kind[high]) <= {EdgeKind.SEEN, EdgeKind.UNEVEN}
 
@@ -206,10 +206,10 @@ def test_the_files_hold_the_edges_and_escape_names(tmp_path):
     assert min(seen, lost) > 5
     assert said["detected edges"] == seen / (seen + lost)
     weakest = [row["cdp"] for row in values["tables"]["weakest"]["rows"]]
-    assert weakest == sorted(found.edges.cdp[found.of_kind(EdgeKind.SEEN, EdgeKind.LOST)])[:10]
+    assert weakest == sorted(found.edges.cdp[found.mask_of_kinds(EdgeKind.SEEN, EdgeKind.LOST)])[:10]
     head, *rows = load_workbook(tmp_path / "results.xlsx")["edges"].iter_rows(values_only=True)
     cdps = [row[head.index("CDP")] for row in rows if row[0] == "lost"]
-    assert cdps == pytest.approx(sorted(found.edges.cdp[found.of_kind(EdgeKind.LOST)]), rel=1e-14)
+    assert cdps == pytest.approx(sorted(found.edges.cdp[found.mask_of_kinds(EdgeKind.LOST)]), rel=1e-14)
     with xr.open_dataset(tmp_path / "results.nc") as read:
         assert np.array_equal(read["label"], found.regions.labels)
         for name, one in (("cdp", found.edges.cdp), ("region_mean", found.regions.mean), ("kind", found.edges.kind)):

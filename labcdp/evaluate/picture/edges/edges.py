@@ -196,7 +196,7 @@ def map_edges(
         shading = regions.steady(sides, near.middle_px)
     kind = np.full(bright.size, EdgeKind.SEEN, dtype=np.int8)
     # Those that are lost are still among those that are seen; what comes later prevails.
-    for found, of_kind in (
+    for where, edge_kind in (
         (wanted < settings.minimum_contrast, EdgeKind.FAINT),
         (~significant, EdgeKind.NOISE),
         ((np.where(significant, shading, textured)) & (wanted >= settings.minimum_contrast), EdgeKind.UNEVEN),
@@ -205,7 +205,7 @@ def map_edges(
         (np.minimum(*regions.n_pixels[sides]) < FEWEST_PIXELS, EdgeKind.SMALL),
         (near.border_px < _SHORTEST_BORDER * regions.size_px, EdgeKind.SMALL),
     ):
-        kind[found] = of_kind
+        kind[where] = edge_kind
     measured = np.isin(kind, (EdgeKind.SEEN, EdgeKind.FAINT)) & (wanted > 0)
     cdp = _cdps(regions, sides, np.where(measured, wanted, nan), settings.epsilon, by_calibration, noise.inflation)
     missed = (kind == EdgeKind.SEEN) & (cdp[:, 0] < settings.detected)

@@ -153,7 +153,7 @@ def _paint(rgb: NDArray[np.uint8], edge_map: ContrastMap, scale: float, style: E
     from matplotlib.colors import to_rgb
 
     near = edge_map.near
-    sides = np.flatnonzero(edge_map.of_kind(*style.kinds)[near.sides_pair])
+    sides = np.flatnonzero(edge_map.mask_of_kinds(*style.kinds)[near.sides_pair])
     if style.by_cdp:
         # The lowest CDP of a drawn pixel is painted last.
         sides = sides[np.argsort(-edge_map.edges.cdp[near.sides_pair[sides]], kind="stable")]
@@ -225,7 +225,7 @@ def edge_script(drawn: Drawn, source: PictureSource) -> Script:
         "groups.forEach((models, i) => models.forEach((model, k) =>"
         " (model.visible = `${i}` === cb_obj.value && visible[i][k])))"
     )
-    options = [(f"{i}", f"target contrast {percent(found.contrast or 0)}") for i, found in enumerate(drawn)]
+    options = [(f"{i}", f"target contrast {percent(edge_map.contrast or 0)}") for i, edge_map in enumerate(drawn)]
     chosen = Select(options=options, value="0", title="Shown", sizing_mode="stretch_width", max_width=400)
     chosen.js_on_change("value", CustomJS(args={"groups": groups, "visible": visible}, code=code))
     return interactive(column([chosen, plot], sizing_mode="stretch_width"))
@@ -312,7 +312,7 @@ def _tooltips(unit: str, with_cdp: bool) -> list[tuple[str, str]]:
 def _points(edge_map: ContrastMap, style: EdgeStyle) -> dict[str, NDArray[Any]]:
     """Return places and values of the edges of some kinds, the longest of many."""
     edges, mean, step = edge_map.edges, edge_map.regions.mean, edge_map.luminance.step
-    chosen = np.flatnonzero(edge_map.of_kind(*style.kinds))
+    chosen = np.flatnonzero(edge_map.mask_of_kinds(*style.kinds))
     chosen = chosen[np.argsort(-edges.border_px[chosen], kind="stable")][:_MOST_POINTS]
 
     def rounded(values: NDArray[Any], n_decimals: int) -> NDArray[np.float64]:

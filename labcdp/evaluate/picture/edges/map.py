@@ -80,9 +80,9 @@ class ContrastMap:
 
     def count(self, *kinds: EdgeKind) -> int:
         """Count the edges of some kinds."""
-        return int(np.count_nonzero(self.of_kind(*kinds)))
+        return int(np.count_nonzero(self.mask_of_kinds(*kinds)))
 
-    def of_kind(self, *kinds: EdgeKind) -> NDArray[np.bool_]:
+    def mask_of_kinds(self, *kinds: EdgeKind) -> NDArray[np.bool_]:
         """Mask of the edges of some kinds."""
         return np.isin(self.edges.kind, kinds)
 
@@ -95,13 +95,15 @@ class ContrastMap:
     @property
     def detected_border_share(self) -> float:
         """The same by length of border."""
-        seen, lost = (float(self.edges.border_px[self.of_kind(kind)].sum()) for kind in (EdgeKind.SEEN, EdgeKind.LOST))
+        seen, lost = (
+            float(self.edges.border_px[self.mask_of_kinds(kind)].sum()) for kind in (EdgeKind.SEEN, EdgeKind.LOST)
+        )
         return seen / (seen + lost) if seen + lost else nan
 
     @property
     def blind_share(self) -> float:
         """Share of the edges, of those with a contrast, where the minimum contrast would not be significant."""
-        known = np.isfinite(self.edges.significant_contrast) & ~self.of_kind(EdgeKind.SATURATED, EdgeKind.SMALL)
+        known = np.isfinite(self.edges.significant_contrast) & ~self.mask_of_kinds(EdgeKind.SATURATED, EdgeKind.SMALL)
         blind = self.edges.significant_contrast[known] > self.settings.minimum_contrast
         return float(np.mean(blind)) if known.any() else nan
 
@@ -114,7 +116,7 @@ class ContrastMap:
 
     def weakest(self, n: int) -> NDArray[np.intp]:
         """Rows of the `n` edges of lowest CDP with at least the minimum contrast, the lowest first."""
-        judged = np.flatnonzero(self.of_kind(EdgeKind.SEEN, EdgeKind.LOST))
+        judged = np.flatnonzero(self.mask_of_kinds(EdgeKind.SEEN, EdgeKind.LOST))
         return judged[np.argsort(self.edges.cdp[judged], kind="stable")][:n]
 
 
@@ -219,7 +221,7 @@ def _findings(edge_map: ContrastMap) -> tuple[Finding, ...]:
     if edge_map.settings.contrast is None and not edge_map.has_reference:
         findings.append(info("map-of-own-contrast"))
     least = edge_map.settings.minimum_contrast
-    hidden = edge_map.of_kind(EdgeKind.NOISE) & (edge_map.edges.contrast >= least)
+    hidden = edge_map.mask_of_kinds(EdgeKind.NOISE) & (edge_map.edges.contrast >= least)
     if hidden.any():
         findings.append(info("edges-in-noise", count=int(hidden.sum()), contrast=least, n_edges=hidden.size))
     if edge_map.noise.inflation > _CORRELATED:

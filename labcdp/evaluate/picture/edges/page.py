@@ -140,7 +140,7 @@ def _cards(edge_map: ContrastMap) -> list[Card]:
     of_length = f"{share_percent(1 - edge_map.detected_border_share)} of their length"
     # Where the contrast of the scene is given, borders that hardly show one are asked for it, too.
     pale = int(
-        np.count_nonzero(edge_map.of_kind(EdgeKind.LOST) & (edge_map.edges.contrast < settings.minimum_contrast))
+        np.count_nonzero(edge_map.mask_of_kinds(EdgeKind.LOST) & (edge_map.edges.contrast < settings.minimum_contrast))
     )
     scene = f"at least {least}" if edge_map.contrast is None else f"{percent(edge_map.contrast)} in the scene"
     of_lost = (f"{pale} measure below {least}: hidden, as behind a veil",) if pale else ()
@@ -160,11 +160,11 @@ def _cards(edge_map: ContrastMap) -> list[Card]:
 def _left_out(edge_map: ContrastMap) -> Iterator[Card]:
     """Yield the card of the borders whose contrast is large enough and that are neither detected nor lost, and why."""
     high = edge_map.edges.contrast >= edge_map.settings.minimum_contrast
-    counts = {why: int(np.count_nonzero(high & edge_map.of_kind(kind))) for kind, why in _LEFT_OUT.items()}
+    counts = {why: int(np.count_nonzero(high & edge_map.mask_of_kinds(kind))) for kind, why in _LEFT_OUT.items()}
     n = sum(counts.values())
     if n:
         lines = tuple(f"{count} {why}" for why, count in counts.items() if count)
-        every = n + int(np.count_nonzero(high & edge_map.of_kind(EdgeKind.SEEN, EdgeKind.LOST)))
+        every = n + int(np.count_nonzero(high & edge_map.mask_of_kinds(EdgeKind.SEEN, EdgeKind.LOST)))
         least = percent(edge_map.settings.minimum_contrast)
         yield Card("Left out", f"{n} of {every}", f"borders of {least} or more", lines)
 

@@ -62,8 +62,8 @@ def map_result(edge_map: ContrastMap, source: PictureSource, inputs: Sequence[In
     # All of them are edges of objects.
     hidden = ("border_px", "significant_contrast", "saturated")
     columns = tuple(replace(column, shown=column.shown and column.name not in hidden) for column in weakest.columns)
-    of_contrast = () if edge_map.others else _of_contrast(edge_map)
-    summary = quantity_table("summary", "Edges of the image", (*of_contrast, *_of_image(edge_map)))
+    of_contrast = () if edge_map.others else _values_at_contrast(edge_map)
+    summary = quantity_table("summary", "Edges of the image", (*of_contrast, *_values_at_any_contrast(edge_map)))
     return Result(
         kind="image-map",
         title=source.path.name,
@@ -87,13 +87,13 @@ def edge_table(edge_map: ContrastMap, source: PictureSource) -> Table:
     """Return the edges but for noise and too small ones, kind by kind, those with the lowest CDP first."""
     orders = []
     for map_at_target in edge_map.each:
-        shown = np.flatnonzero(~map_at_target.of_kind(EdgeKind.NOISE, EdgeKind.SMALL))
+        shown = np.flatnonzero(~map_at_target.mask_of_kinds(EdgeKind.NOISE, EdgeKind.SMALL))
         rank = np.array([list(KINDS).index(EdgeKind(kind)) for kind in map_at_target.edges.kind[shown]])
         orders.append(shown[np.lexsort((map_at_target.edges.cdp[shown], rank))][: _MOST_ROWS // len(edge_map.each)])
     return _edges_of(edge_map, source.unit, "edges", "Edges", orders).as_detail()
 
 
-def _of_contrast(edge_map: ContrastMap) -> list[NamedValue]:
+def _values_at_contrast(edge_map: ContrastMap) -> list[NamedValue]:
     """List what is said of the whole image at a contrast to be detected."""
     counted = "edges with at least the minimum contrast"
     return [
@@ -123,7 +123,7 @@ def _counting(kind: EdgeKind) -> Callable[[ContrastMap], int]:
     return lambda each: each.count(kind)
 
 
-def _of_image(edge_map: ContrastMap) -> list[NamedValue]:
+def _values_at_any_contrast(edge_map: ContrastMap) -> list[NamedValue]:
     """List what is said of the whole image at any contrast."""
     return [
         NamedValue("borders between regions", int(edge_map.edges.kind.size), "", "all edges together"),

@@ -37,7 +37,7 @@ class Check:
 
     @classmethod
     def judged(cls, topic: str, cause: str, remedy: str | None, state: State = "notice") -> Self:
-        """Return a good check, or one of a `state` if there is a remedy."""
+        """Return a good check if `remedy` is None, otherwise a check with `state`."""
         return cls(topic, "good" if remedy is None else state, cause, remedy)
 
     @classmethod

@@ -56,13 +56,13 @@ def masked(mask: int) -> Program:
 
 
 def require(comparison: int, *numbers: int) -> Program:
-    """Drop the packet unless the loaded number compares so with one of the numbers."""
+    """Drop the packet unless the comparison of the loaded number with one of the numbers holds."""
     n = len(numbers)
     return (*((comparison, n - i, 0, number) for i, number in enumerate(numbers)), *DROP)
 
 
 def refuse(comparison: int, number: int) -> Program:
-    """Drop the packet if the loaded number compares so."""
+    """Drop the packet if the comparison of the loaded number holds."""
     return ((comparison, 0, 1, number), *DROP)
 
 
@@ -73,7 +73,7 @@ def require_sum(number: int, other: Program, *, or_more: bool = False) -> Progra
 
 
 def when(comparison: int, number: int, block: Program) -> Program:
-    """Run a block of up to 255 instructions only if the loaded number compares so."""
+    """Run a block of up to 255 instructions only if the comparison of the loaded number holds."""
     return ((comparison, 0, len(block), number), *block)
 
 

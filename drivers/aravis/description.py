@@ -123,7 +123,7 @@ def check_text(text: bytes) -> None:
 
 
 class _Nodes:
-    """The features of a description with those they follow from, collected while it is parsed."""
+    """Features of a description, each with the features that its value is computed from; filled while parsing."""
 
     def __init__(self) -> None:
         self.references: dict[str, list[str]] = {}
@@ -159,7 +159,7 @@ class _Nodes:
 
 
 def _check_chains(references: Mapping[str, list[str]]) -> None:
-    """Refuse features that follow from themselves, or from too many others one after the other."""
+    """Refuse features that are computed from themselves, or through too long a chain of others."""
     lengths: dict[str, int] = {}
     for first in references:
         path, waiting = [first], {first: iter(references[first])}

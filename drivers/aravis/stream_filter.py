@@ -89,7 +89,7 @@ class PacketPlan:
         return flags + packet_filter.when(HAS_BITS, _LONG_IDS, long) + self._kinds(udp, _SHORT_BYTES, short_id)
 
     def _kinds(self, udp: int, header_bytes: int, packet_id: Program) -> Program:
-        """Require packets whose id and length are those of their place in a frame."""
+        """Accept only packets whose length is right for their id."""
         block = self.packet_bytes - _IP_BYTES - UDP_HEADER_BYTES - header_bytes
         n_blocks = -(-self.payload_bytes // block)
         n_full, rest = divmod(self.pixel_bytes, block)

@@ -1,4 +1,4 @@
-"""What a report of a problem needs: a camera's description and features, and the bytes of a meter."""
+"""Files for a report of a problem: a camera's description and features, and the bytes exchanged with a meter."""
 
 from __future__ import annotations
 

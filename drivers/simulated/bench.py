@@ -213,7 +213,7 @@ class SimulatedBench:
         return first
 
     def announce_frames(self, series: str, first: int, n_before: int) -> None:
-        """Let the next frames have the noise of a series of this configuration, in whichever run they are taken.
+        """Give the next frames the noise of a series of this configuration, the same in a resumed acquisition.
 
         Parameters
         ----------
@@ -227,7 +227,7 @@ class SimulatedBench:
         self._source.announce(f"{self._plan}, {series}", first, n_before)
 
     def announce_reading(self, series: str, number: int) -> None:
-        """Let the next reading have the noise of a number in a series, likewise."""
+        """Give the next reading the noise of its number in a series, likewise."""
         for meter in self._meters:
             meter.announce(f"{self._plan}, {series}", number)
 

@@ -1,4 +1,4 @@
-"""Which noise a simulated device draws next: the same in whichever run of an acquisition it is drawn."""
+"""Keys of the noise that a simulated device draws next; a resumed acquisition draws the same noise again."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import count
 
 
 def running() -> Iterator[tuple[int, ...]]:
-    """Yield keys of noise, one after the other, for what nobody announced."""
+    """Yield consecutive noise keys for exposures and readings that were not announced."""
     return ((number,) for number in count())
 
 

@@ -161,7 +161,7 @@ class SimulatedTarget:
         return self.covered, self.shown, round(drifts.light_rel(), 3), round(drifts.temperature_c(), 1), self._keys
 
     def announce(self, series: str, first: int, n_before: int) -> None:
-        """Let the next exposures have the noise of a series, see `labcdp.drivers.simulated.noise.announced`."""
+        """Give the next exposures the noise of a series; see `labcdp.drivers.simulated.noise.announced`."""
         self._keys = announced(series, first, n_before)
 
     def next_key(self) -> tuple[int, ...]:

@@ -223,7 +223,7 @@ class FrameRecorder:
         writer.put_event("camera settings", {"role": role, "settings": asdict(applied)})
 
     def _noting(self, writer: FrameWriter, role: Role, exposure_s: float) -> Refused:
-        """Return what records incomplete frames, and counts them."""
+        """Return a callback that records and counts incomplete frames."""
         note = noted(writer.put_event, {"role": role, "exposure_s": exposure_s})
 
         def refuse(error: IncompleteFrameError) -> None:
@@ -233,7 +233,7 @@ class FrameRecorder:
         return refuse
 
     def _announcing(self, role: Role, shown: str | None, exposure_s: float, discard: int) -> Callable[[int], None]:
-        """Return what tells a simulated bench, before each start of a stream, which frames follow."""
+        """Return a callback that announces the next frames to a simulated bench before each start of a stream."""
         # With those that no longer count: what is taken again has other noise.
         known = [r for r in self._session.records if isinstance(r, FrameRecord) and r.role == role]
         n_recorded = len(frames_at(known, exposure_s, shown))

@@ -146,7 +146,7 @@ class LiveNumbers:
         return self.numbers
 
     def _look_for_repeat(self, frame: Frame) -> None:
-        """Count a frame whose sampled pixels are all those of an earlier one; a blank frame may be."""
+        """Count a frame that repeats an earlier one in all sampled pixels; blank frames are not counted."""
         sample = frame.dn[::_SAMPLED, ::_SAMPLED]
         key = hash(sample.tobytes())
         self.n_frames += 1

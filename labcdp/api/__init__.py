@@ -1,1 +1,1 @@
-"""What researchers use from Python: thin objects over the evaluations, with results as xarray datasets."""
+"""Python interface for researchers: thin objects over the evaluations, with results as xarray datasets."""

@@ -1,4 +1,4 @@
-"""What users pass to the API, checked before any work: paths, regions, pairs and contrasts."""
+"""Arguments of the API, checked before any work: paths, regions, pairs and contrasts."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ class ContrastRequest:
 
     @property
     def targets(self) -> TargetContrasts:
-        """The values, those of one number as that."""
+        """Target contrasts as evaluations take them: a float if one number was given, a tuple, or None."""
         return self.values[0] if self.scalar and self.values else self.values
 
 

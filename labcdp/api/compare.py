@@ -106,7 +106,7 @@ def _picture_comparison(
     encoding: Literal["linear", "srgb"] | None = None,
     **stated: Unpack[Stated],
 ) -> ImageSettings:
-    """Return what pictures are asked, from the arguments of `compare` and `read_image`."""
+    """Return the settings with which pictures are evaluated, from the arguments of `compare` and `read_image`."""
     files = {"calibration": calibration, "camera specification": camera_spec}
     return picture_settings(
         as_path(regions, "regions"),
@@ -139,7 +139,7 @@ class Comparison:
 
     @property
     def answer(self) -> str:
-        """What differs, in a sentence or two."""
+        """The differences in a sentence or two."""
         return "; ".join(finding_text(finding) for finding in answer(self.comparison))
 
     @property

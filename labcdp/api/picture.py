@@ -42,7 +42,7 @@ from .variables import at_contrasts, cdp_variables, described, noted
 
 
 class StatedOfVideo(TypedDict, total=False):
-    """What the user states about frames; it counts before what their file says."""
+    """Statements of the user about frames, which take precedence over those of their file."""
 
     exposure_s: float | None
     gain_db: float | None
@@ -56,7 +56,7 @@ class StatedOfVideo(TypedDict, total=False):
 
 
 class Stated(StatedOfVideo, total=False):
-    """What the user states about a picture."""
+    """Statements of the user about a picture."""
 
     pixel_format: str | None
     size: tuple[int, int] | None
@@ -196,7 +196,7 @@ class Image:
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What a user should know about the luminance."""
+        """Notes, warnings and errors about the luminance."""
         return unique(self.converter.source(self.picture).findings)
 
     def regions(self, regions: Regions, pairs: Pairs | None = None) -> ImageRegions:

@@ -1,4 +1,4 @@
-"""What a requirement judges, in the datasets of pictures, videos and sessions."""
+"""Contrasts that a requirement judges, from the datasets of pictures, videos and sessions."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def _at_contrast(dataset: Dataset, requirement: Requirement) -> Dataset:
 
 
 def _seen_contrast(pair: Dataset, name: str, where: str) -> SeenContrast:
-    """Return a pair, with the luminance of its darker region or patch."""
+    """Return the measured contrast and CDP of a pair, with the luminance of its darker region or patch."""
     means = pair["mean"].values if "mean" in pair else pair["camera_luminance"].sel(patch=pair["region"].values).values
     known = pair.attrs.get("unit") == "cd/m^2" and bool(np.isfinite(means).any())
     saturated = "saturated" in pair and bool((pair["saturated"].values > SATURATED_SHARE).any())

@@ -22,7 +22,7 @@ _COLUMNS = {column.name: column for column in (*LUMINANCES, *CONTRASTS)}
 
 
 def _variable(name: str, column: str, label: str = "") -> Column:
-    """Return a column of the tables as a variable of a dataset, where labels say of what it is."""
+    """Return a column of the tables renamed and labelled for a dataset, where no table says what it belongs to."""
     template = _COLUMNS[column]
     return replace(template, name=name, label=label or template.label, value=template.value or template.name)
 

@@ -123,7 +123,7 @@ class TrackedRegions:
         return regions_table(self.rois, self.name)
 
     def _of(self, pair: tuple[str, str], common: VideoSettings, reference: Any) -> VideoSettings:
-        """Return what is asked of a pair."""
+        """Return the settings for one pair."""
         named = {roi.name: roi for roi in self.rois}
         rois = named[pair[0]], named[pair[1]]
         method = method_among(self.method, list(named), pair)
@@ -131,7 +131,7 @@ class TrackedRegions:
 
 
 def _joined(pairs: Sequence[Dataset]) -> Dataset:
-    """Results of the pairs over their names."""
+    """Join the datasets of the pairs along the dimension ``pair``."""
     most = max(pair_data.sizes["corner"] for pair_data in pairs)
     padded = [pair_data.pad(corner=(0, most - pair_data.sizes["corner"])) for pair_data in pairs]
     dataset = concat(
@@ -141,7 +141,7 @@ def _joined(pairs: Sequence[Dataset]) -> Dataset:
 
 
 def _attributes(attributes: Sequence[dict[str, Any]], failed: Sequence[Finding]) -> dict[str, Any]:
-    """Attributes of the pairs together."""
+    """Return the common attributes, with the findings of all pairs."""
     merged = unique([*failed, *(each for attrs in attributes for each in restored(json.loads(attrs["findings"])))])
     kept = ("title", "file", "sha256", "method", "unit", "epsilon", "conversion")
     return {**{name: attributes[0][name] for name in kept}, **noted(merged), "labcdp_version": version("labcdp")}

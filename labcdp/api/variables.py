@@ -26,7 +26,7 @@ _COORDINATES = {
 
 
 def described(dataset: Dataset, unit: str = "cd/m^2") -> Dataset:
-    """Return the dataset with what its coordinates are, and a unit for each number; `unit` is that of luminances."""
+    """Add descriptions of the coordinates, and units to all numbers; `unit` is the unit of luminances."""
     for name in dataset.variables:
         variable, attributes = dataset[name], dataset[name].attrs
         if name in _COORDINATES:
@@ -52,7 +52,7 @@ def pair_variables(pairs: Sequence[Any], unit: str) -> dict[str, Any]:
 
 
 def at_contrasts(dataset: Dataset, request: ContrastRequest, measured: Any) -> Dataset:
-    """Return the dataset with its contrasts: those asked for, a number without a dimension, or the measured ones."""
+    """Add the target contrasts as a coordinate: those requested, or else the measured ones."""
     if request.values is None:
         return dataset.isel(contrast=0).assign_coords(contrast=measured)
     dataset = dataset.assign_coords(contrast=np.array(request.values))

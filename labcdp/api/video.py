@@ -197,7 +197,7 @@ class Video:
     def evaluate(
         self, settings: Sequence[VideoSettings], progress: Progress | None = None
     ) -> list[Dataset | LabcdpError]:
-        """Evaluate with settings that have no conversion yet, in one pass; of each the results, or why there are none.
+        """Evaluate several settings in one pass; returns for each its results, or the error that prevented them.
 
         Raises
         ------

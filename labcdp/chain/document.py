@@ -115,7 +115,7 @@ def changed(document: dict[str, Any], values: _Table) -> dict[str, Any]:
 
 
 def _places(document: dict[str, Any], path: str) -> list[tuple[dict[str, Any], str]]:
-    """Tables that a path such as ``sensor.bits`` means, and the key in them."""
+    """Return the tables that a path such as ``sensor.bits`` refers to, and the key in them."""
     table, _, key = path.partition(".")
     if not key and table in TEXTS:
         return [(document, table)]

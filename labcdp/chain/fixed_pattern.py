@@ -39,7 +39,7 @@ BLOCK_ROWS = 64
 
 
 class Stream(IntEnum):
-    """What random numbers are for; keeps streams apart even if device and exposure have the same seed."""
+    """Purpose of random numbers, which keeps their streams apart even if device and exposure have the same seed."""
 
     NOISE = 0
     FIXED_PATTERN = 1

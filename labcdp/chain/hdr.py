@@ -84,7 +84,7 @@ class ExposureLadder:
         return self.saturation_dn * self.ratios[-1]
 
     def factors(self, method: Method, first: int = 0) -> list[float]:
-        """Factors of the DN of the exposures from one on in "linear" or "weighted", where none is clipped or fading."""
+        """Factors of the DN from exposure `first` on in "linear" or "weighted", where none is clipped or fading."""
         ratios = self.ratios[first:]
         if method == "linear":
             return [ratio / len(ratios) for ratio in ratios]
@@ -159,7 +159,7 @@ def linear_stage(dn: NDArray[Any], i: int, ladder: ExposureLadder) -> tuple[Floa
 def normal_stage(
     dn: NDArray[Any], i: int, bits: int, ladder: ExposureLadder
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Value of exposure `i` for "normal", and where it is taken if no longer one was."""
+    """Return the scaled value of exposure `i` for "normal", and where it may be taken."""
     scaled = dn * ladder.ratios[i]
     # A product that should be whole must not fall just short of it.
     whole = np.floor(scaled + np.abs(scaled) * (4 * np.finfo(np.float64).eps))
@@ -171,7 +171,7 @@ def normal_stage(
 
 
 def weighted_stage(dn: NDArray[Any], i: int, ladder: ExposureLadder) -> tuple[FloatArray, FloatArray]:
-    """Return what exposure `i` adds to the "weighted" value, and the factor of the value merged from all shorter ones.
+    """Return the term of exposure `i` in the "weighted" value, and the factor of the merge of all shorter ones.
 
     An exposure is faded out by its own noisy value, which alone would bias the mean: it counts less where noise made
     it bright. For Poisson counts E[N f(N - 1)] = E[N] E[f(N)] (Chen 1975, Ann. Probab. 3, 534), so taking the share

@@ -136,7 +136,7 @@ class Parameters:
 
 @dataclass(frozen=True)
 class Sized(Parameters):
-    """What has a size in pixels.
+    """Parameters with a size in pixels.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ def _named_parts(key: str, value: Any, kind: Any, what: str) -> tuple[tuple[str,
 
 
 def _quantity_behind(quantity: str, stages: Sequence[tuple[str, Stage]]) -> str:
-    """Return what stages make of a quantity; refuse one that does not take what comes to it."""
+    """Return the quantity behind stages; refuse a stage that does not take the quantity in front of it."""
     for name, stage in stages:
         if not {stage.takes, stage.gives} <= UNITS.keys():
             raise InputError(
@@ -59,7 +59,7 @@ def _quantity_behind(quantity: str, stages: Sequence[tuple[str, Stage]]) -> str:
 
 @dataclass(frozen=True)
 class ChainParts:
-    """What a chain consists of: the scene, the stages with their parameters, the settings of the exposures.
+    """The parts of a chain: the scene, the stages with their parameters, and the settings of the exposures.
 
     A chain is its parts, frozen dataclasses of their parameters. TOML only serialises them: a chain with other values,
     by `with_` or `dataclasses.replace`, has them in a run, a prediction and a saved file alike.
@@ -130,7 +130,7 @@ class ChainParts:
             )
 
     def _require_exposed(self, quantity: str) -> None:
-        """Refuse sensors that do not fit to what comes to them, to their exposures and to what follows."""
+        """Refuse sensors that do not fit the stages around them or their exposures."""
         if quantity != "illuminance":
             raise InputError(
                 f"the sensor takes illuminance in lx, but its input is {quantity} in {UNITS[quantity]}: add optics "
@@ -243,7 +243,7 @@ class ChainParts:
 
     @property
     def recorded_names(self) -> tuple[str, ...]:
-        """Names of what one sensor gives: its exposures, their merge and the stages behind; () without a sensor."""
+        """Names of the signals of one sensor: its exposures, their merge and the stages behind; () without a sensor."""
         if self.settings is None:
             return ()
         times = self.settings.exposure_s
@@ -266,7 +266,7 @@ class ChainParts:
 
     @property
     def captures(self) -> dict[str, str]:
-        """The sensor in the words of a run, by the name of each of its exposures."""
+        """Name of the sensor for each exposure, by the name of the exposure in a run."""
         n = 0 if self.settings is None else len(self.settings.exposure_s)
         return {
             self.sensor_stage_name(name, sensor_name): self.sensor_stage_name("sensor", sensor_name)
@@ -291,5 +291,5 @@ class ChainParts:
         return tuple(names[-1] for names in self.branches.values())
 
     def sensor_stage_name(self, name: str, sensor_name: str) -> str:
-        """Name in a run of what one sensor gives."""
+        """Return the name in a run of a sensor's signal."""
         return f"{name} ({sensor_name})" if len(self.sensors) > 1 else name

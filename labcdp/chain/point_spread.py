@@ -80,7 +80,7 @@ def measured_mtf(frequency_per_m: FloatArray, table: Sequence[tuple[float, float
 
 
 def blur_kernel(transfer: Any, sample_m: float, width_m: float) -> FloatArray:
-    """Kernel that makes of a scene of uniform square samples the mean of its blurred image on each sample.
+    """Kernel by which convolution of a scene of uniform square samples gives the means of its blurred image.
 
     Its transfer function is the lens' times that of two squares, the sample of the scene and that of the image, with
     the frequencies beyond the sampling folded back; so it is exact for scenes that are uniform on each sample.
@@ -115,7 +115,7 @@ def blur_kernel(transfer: Any, sample_m: float, width_m: float) -> FloatArray:
 
 
 def _folds(transfer: Any, sample_m: float) -> int:
-    """How many periods on each side hold all frequencies that the lens transfers."""
+    """Count the periods on each side that hold all frequencies the lens transfers."""
     frequency = np.arange(0.5, _MOST_FOLDS + 0.5, 0.05) / sample_m
     passed = np.abs(transfer(frequency)) > _NO_MODULATION
     highest = frequency[passed].max(initial=0.0) * sample_m

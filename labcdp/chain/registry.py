@@ -1,4 +1,4 @@
-"""Which class a table of a chain file stands for, and the chain files that ship with labcdp.
+"""Classes of the tables of chain files, and the chain files that ship with labcdp.
 
 A new stage, sensor model or scene is one small class and one call of `register`.
 """
@@ -72,7 +72,7 @@ def class_of(table: str, type_name: str | None) -> type:
 
 
 def _unknown(table: str, type_name: str | None) -> str:
-    """Return what is not known of a table; empty if all is."""
+    """Return which name is not known; empty if all are."""
     if table not in _CLASSES:
         return f"{table} is not known"
     unknown = type_name is not None and type_name not in _CLASSES[table]

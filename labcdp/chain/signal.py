@@ -1,4 +1,4 @@
-"""Signals, what stages, sensors and their exposures are, and how they hand on values with their inverse."""
+"""Signals, and the protocols of stages and sensors, which hand on values with their inverse."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class Signal:
 
     @property
     def luminance_cd_m2(self) -> Values:
-        """Luminance of the scene as this stage knows it, calculated anew each time to save memory."""
+        """Luminance of the scene recovered from the signal, calculated anew each time to save memory."""
         return self.to_luminance(self.values)
 
     def scene_mean(self) -> float | NDArray[np.float64]:

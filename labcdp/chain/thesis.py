@@ -1,4 +1,4 @@
-"""Windscreen and sensor of the 2018 thesis, with what differs from physics, to repeat its published values."""
+"""Windscreen and sensor of the 2018 thesis, with their deviations from physics, to repeat its published values."""
 
 from __future__ import annotations
 

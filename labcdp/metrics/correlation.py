@@ -371,7 +371,7 @@ def lag_inflation(scores: _Array, pairs: _Array) -> float:
         return 1.0
 
     def factor(weights: tuple[_Array, _Array], whole: tuple[bool, bool] = (False, False)) -> float | None:
-        """Sum over the selected lags, corrected for the estimated mean; None if that is not possible."""
+        """Return the sum over the selected lags, corrected for the estimated mean; None if that is not possible."""
         share = _weighted(pairs, weights, whole) / n**2
         return _weighted(products, weights, whole) / scatter * (1 - 1 / n) / (1 - share) if share < 1 else None
 

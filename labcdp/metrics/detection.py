@@ -273,7 +273,7 @@ def region_cdp(
 
 
 def _inflation(most: float, regions: Sequence[NoisyRegion], shares_by_value: Sequence[NDArray[np.float64]]) -> float:
-    """Inflation of the variance of a CDP, at most that of the pixels and what both regions have in common."""
+    """Variance inflation of a CDP: at most that of the pixels, plus the noise that both regions have in common."""
     shares = [
         region.image_of(by_value) / np.count_nonzero(region.mask)
         for region, by_value in zip(regions, shares_by_value, strict=True)

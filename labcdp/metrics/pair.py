@@ -211,7 +211,7 @@ def vignetting_findings(bright: str, dark: str, ratio_rel: float) -> tuple[Findi
 
 
 def paired_errors(first: RegionPixels, second: RegionPixels) -> list[PairError]:
-    """Errors common to two regions, and those common to the pixels of each region only.
+    """Errors common to two regions, then errors common to the pixels of one region only.
 
     Parameters
     ----------

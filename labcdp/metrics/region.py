@@ -157,7 +157,7 @@ class RegionPixels(NoisyRegion):
 
     @cached_property
     def common(self) -> list[_Array]:
-        """`common`, with 0 where it is not finite."""
+        """Relative errors common to all pixels of the image, with 0 where they are not finite."""
         return [finite_errors(error) for error in self._calibration_errors]
 
     @cached_property

@@ -145,7 +145,7 @@ def _smoothed(values: FloatImage, side_px: float) -> FloatImage:
 
 
 def _upright(corners: Corners) -> Corners:
-    """Count columns to the right and rows down, as the image is seen."""
+    """Order corners so that columns count to the right and rows downwards in the image."""
     along, down = (np.diff(corners, axis=axis).reshape(-1, 2).mean(axis=0) for axis in (1, 0))
     if abs(along[0]) + abs(down[1]) < abs(along[1]) + abs(down[0]):
         corners, along, down = corners.swapaxes(0, 1), down, along

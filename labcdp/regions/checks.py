@@ -42,7 +42,7 @@ _ROUNDING = 1e-9
 
 
 def check_region(values: NDArray[Any], saturated: NDArray[np.bool_] | None, roi: Roi) -> tuple[Finding, ...]:
-    """Look for what speaks against using a region.
+    """Find problems of a region that speak against using it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The inner corners of a checkerboard: which are real, and where those around them are."""
+"""The inner corners of a checkerboard: checks of detected ones, and positions of those around them."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def sampled(image: FloatImage, places: NDArray[np.float64]) -> NDArray[np.float6
 
 
 def _saddles(corners: Corners, image: FloatImage) -> NDArray[np.float64]:
-    """Return +1 or -1 where two light squares meet two dark ones, by which of them are light; 0 where they do not."""
+    """Return +1 or -1 where two light squares meet two dark ones, depending on which are light; 0 elsewhere."""
     along, down = (sides[..., None, :] for sides in _sides(corners))
     # Within each of the four squares: 3 x 3 places from 0.2 to 0.5 sides off the corner.
     near = np.array([0.2, 0.35, 0.5])

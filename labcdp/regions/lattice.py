@@ -91,7 +91,7 @@ def _alike(sides: _Array, seed: int) -> NDArray[np.bool_]:
 
 
 def _grown(seed: int, centres: _Array, sides: _Array, alike: NDArray[np.bool_]) -> dict[int, At]:
-    """Go from patch to patch along rows and columns, by distances in sides of the patch one is at."""
+    """Walk from patch to patch along rows and columns, with distances in sides of the current patch."""
     places = np.abs(_seen_from(seed, centres, sides))
     beside = [places[alike & (places[:, 1 - axis] < _ASIDE) & (places[:, axis] > 0.9), axis] for axis in (0, 1)]
     steps = [float(distances.min(initial=np.inf)) for distances in beside]
@@ -115,7 +115,7 @@ def _grown(seed: int, centres: _Array, sides: _Array, alike: NDArray[np.bool_]) 
 
 
 def _seen_from(patch: int, centres: _Array, sides: _Array) -> _Array:
-    """Return all centres in sides of a patch, from its centre."""
+    """Return all centres relative to a patch's centre, in its sides."""
     return np.asarray((centres - centres[patch]) @ np.linalg.inv(sides[patch]).T)
 
 

@@ -31,7 +31,7 @@ Limits: TypeAlias = tuple[float, float]
 
 @dataclass(frozen=True)
 class _Named:
-    """What all shapes have in common; what is given is made numbers, or refused by its key."""
+    """Base of all shapes, which converts parameters to numbers or refuses them, naming the key."""
 
     name: str
     limits_cd_m2: Limits | None = field(default=None, kw_only=True)
@@ -122,7 +122,7 @@ class CompositeShape(PolygonShape):
 
 @dataclass(frozen=True)
 class _Box(_Named):
-    """What rectangles, ellipses and grids have in common: a box."""
+    """Base of rectangles, ellipses and grids, which have a box."""
 
     x: float
     y: float
@@ -138,12 +138,12 @@ class _Box(_Named):
 
 @dataclass(frozen=True)
 class _TurnedBox(_Box):
-    """What rectangles and ellipses have in common: how far the box is turned about its middle."""
+    """Base of rectangles and ellipses, whose box may be turned about its middle."""
 
     angle_deg: float = 0.0
 
     def _turned(self, corners: Iterable[_Corner]) -> tuple[_Corner, ...]:
-        """Turn corners, given from the middle of the box, and put them where the box is."""
+        """Return image coordinates of corners given relative to the middle of the unturned box."""
         angle = radians(self.angle_deg)
         c, s = cos(angle), sin(angle)
         x, y = self.x + self.width / 2, self.y + self.height / 2

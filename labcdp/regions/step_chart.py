@@ -71,7 +71,7 @@ def detect_step_chart(grey: NDArray[Any]) -> tuple[PolygonShape, ...]:
 
 
 def _chart(values: FloatImage, radius: int, whole: bool) -> list[NDArray[np.float64]]:
-    """Return corners of a chart's patches, row by row, as windows of this radius show them; none if there is no chart.
+    """Return the corners of a chart's patches, row by row, found with windows of this radius; empty without a chart.
 
     A chart has patches of at least three luminances, distinguished by 3 %.
     """

@@ -83,7 +83,7 @@ class WrittenResult:
 
 
 def whole_result(path: Path, content: Any) -> WrittenResult:
-    """Return what the JSON content of a file is a result of; raises InputError if it is incomplete or damaged."""
+    """Return the result in the JSON content of a file; raises InputError if it is incomplete or damaged."""
     try:
         result = validated_as(WrittenResult, content)
         for name, table in result.tables.items():
@@ -113,7 +113,7 @@ def _table(table: Table) -> dict[str, Any]:
 
 
 def _unit(unit: Any) -> Any:
-    """Return the unit of what is kept as a fraction where it is shown in percent."""
+    """Return the unit of a stored value: 1 for fractions that are shown in percent."""
     return "1" if unit == "%" else unit
 
 

@@ -79,7 +79,7 @@ def environment() -> Environment:
 
 
 def _block_kind(block: Block) -> str:
-    """Return what a block is drawn as; a table of named values is a list of them."""
+    """Return the template name of a block; a table of named values is drawn as a list."""
     if isinstance(block, str):
         return "paragraph"
     return "facts" if isinstance(block, Table) and [*block.data] == ["item", "value"] else type(block).__name__

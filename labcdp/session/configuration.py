@@ -124,7 +124,7 @@ class ContrastConfiguration(Table):
 
 
 class PlanConfiguration(Table):
-    """What is recorded, how often, and the drift above which a repetition is offered."""
+    """Frames and readings to record, and the drift above which a repetition is offered."""
 
     # Left out: searched before the first frame, so that each patch lies between black and saturation at one.
     exposures_s: tuple[Positive, ...] | None = Field(None, min_length=1, description="exposures above 0 s")
@@ -199,7 +199,7 @@ class GuessConfiguration(Table):
 
 
 class SessionConfiguration(Table):
-    """All that is known before the first frame; `load` and `from_toml` read it, `to_toml` writes it.
+    """Configuration of a session before its first frame; `load` and `from_toml` read it, `to_toml` writes it.
 
     Examples
     --------
@@ -261,7 +261,7 @@ class SessionConfiguration(Table):
 
     @property
     def optics(self) -> Lens:
-        """What decides the natural vignetting of lens and camera."""
+        """Parameters of lens and camera that determine the natural vignetting."""
         return Lens(self.lens.focal_length_m, self.camera.pixel_pitch_m, self.lens.vignetting_rel)
 
     @classmethod

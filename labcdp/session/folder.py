@@ -110,12 +110,12 @@ def _temporary_folder(path: Path, end: ExitStack) -> Path:
 
 
 def _part(path: Path) -> Path:
-    """Name beside a session's folder of one that is being made or removed."""
+    """Return the name for a session that is being made or removed, beside its folder."""
     return path.parent / f"{_hidden(path)}{secrets.token_hex(4)}.part"
 
 
 def _hidden(path: Path) -> str:
-    """How such names begin: with what of the session's own leaves room for the rest."""
+    """Return the start of such names: the session's name, cut where the whole would be too long."""
     return os.fsdecode(os.fsencode(f".{path.name}")[:_MOST_BYTES_OF_NAME] + b".")
 
 

@@ -1,4 +1,4 @@
-"""What a session holds, in the order it was recorded: frames, readings and events."""
+"""Records of a session in their order: frames, readings and events."""
 
 from __future__ import annotations
 

@@ -172,7 +172,7 @@ class LensConfiguration(Table):
 
 
 class SourceConfiguration(Table):
-    """What lights the target."""
+    """Light source of the target."""
 
     spectrum: Text = Field(description="the name of the spectrum as text, for example LED-B4")
     spectrum_file: Spectra = Field(
@@ -258,7 +258,7 @@ class MeterCertificate(Table):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """What tells it from other certificates, and what is done to the readings."""
+        """Values that distinguish it from other certificates, and its correction of the readings."""
         return self.number, self.laboratory, self.date, self.correction
 
     def mismatched_meter(self, meter: MeterIdentity) -> str:

@@ -37,7 +37,7 @@ def table(heads: Iterable[str], rows: Iterable[str], kind: str = "") -> str:
 
 
 def items(lines: Iterable[str]) -> str:
-    """Return a list, empty for no lines."""
+    """Return an HTML list of lines; empty text for none."""
     entries = "".join(f"<li>{text(line)}</li>" for line in lines)
     return f"<ul>{entries}</ul>" if entries else ""
 

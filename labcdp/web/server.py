@@ -78,7 +78,7 @@ class Address:
 
 @dataclass(frozen=True)
 class Site:
-    """What a server shows.
+    """Content of a server.
 
     Parameters
     ----------

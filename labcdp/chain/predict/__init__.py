@@ -1,1 +1,1 @@
-"""What is behind the chain, without random numbers: distributions of DN, CDP and its relatives."""
+"""Predictions of a chain without random numbers: distributions of DN, CDP and its relatives."""

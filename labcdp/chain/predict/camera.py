@@ -84,7 +84,7 @@ class CameraModel:
 
     @property
     def certain_e(self) -> float:
-        """Mean electrons from which on the DN of all pixels is that of a full one or the highest."""
+        """Mean electrons from which on all pixels are full or at the highest DN."""
         end_e = (2**self.sensor.bits - self.sensor.black_level_dn) / self.k_dn_per_e + _REACH * self.all_noise_e
         limit_e = max(min(self.full_well_e, end_e), 1.0)
         return float(limit_e + (_REACH + 1) * np.sqrt(limit_e) + 60)

@@ -82,7 +82,7 @@ def mixed_pair(
 
 
 def _geometry(scene: Scene) -> Any:
-    """Return all that decides which pixel sees how much of which level."""
+    """Return the parameters that determine the share of each level in each pixel."""
     return tuple((name, repr(value)) for name, value in vars(scene).items() if name not in _BRIGHTNESS)
 
 

@@ -50,7 +50,7 @@ class Cells:
 
 @dataclass(frozen=True, eq=False)
 class ExactPrediction:
-    """What all pairs of pixels of two patches come to; arrays of one shape.
+    """CDP, SNR and contrast over all pairs of pixels of two patches; arrays of one shape.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class _BrightPatches:
     def _bin_index(
         self, bins: ValueBins, cells: NDArray[np.intp], limits: FloatArray
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Bins that limits lie in, and where they stand in `at`."""
+        """Return the bins that limits lie in, and their indices in `at`."""
         start, first, size = (of_all[cells, None] for of_all in (self.start, self.first, self.size))
         whole = np.clip(np.searchsorted(bins.starts, limits, side="right") - 1, first - 1, first + size)
         return whole, whole + (start - first)

@@ -125,7 +125,7 @@ class ValueBins:
 
     @classmethod
     def alone(cls, values: FloatArray) -> Self:
-        """Bins of rising values that are known, one for each."""
+        """Bins for known values in rising order, one for each value."""
         return cls(np.append(values, values[-1] + 1), values, np.ones(values.size, dtype=np.bool_))
 
     @classmethod
@@ -203,12 +203,12 @@ class ValueBins:
         return self._with_edges(np.concatenate([self.edges[:first], inner, self.edges[last + 1 :]]), ())
 
     def _with_alone(self, values: FloatArray) -> Self:
-        """Bins in which some values have narrow ones of their own."""
+        """Return bins in which each of some values has a narrow bin."""
         width = 1e-9 * self.values[-1]
         return self._with_edges(np.sort(np.concatenate([self.edges, values - width, values + width])), values)
 
     def _with_edges(self, edges: FloatArray, alone: ArrayLike) -> Self:
-        """Bins with more edges, in which some values are alone besides those that are."""
+        """Return bins with more edges, in which some more values have a bin for themselves."""
         bins = self._between(edges)
         values = np.concatenate([self.values[self.exact], alone])
         index = np.searchsorted(edges, values, side="right") - 1

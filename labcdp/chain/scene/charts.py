@@ -169,7 +169,7 @@ class Checkerboard(Sized):
         return Level("dark", self.luminance_cd_m2, 1 - share), Level("bright", self.bright_cd_m2, share)
 
     def pairs(self) -> Sequence[tuple[str, str]]:
-        """Return the one pair; dark signal has none, nor have pixels of which half is bright each."""
+        """Return the pair of dark and bright squares; empty if they do not differ."""
         samples = (np.arange(size * self.oversampling) // self._square_samples % 2 for size in self.shape)
         rows, columns = (axis.reshape(-1, self.oversampling).mean(axis=1) - 0.5 for axis in samples)
         # A pixel is bright where odd squares have most of its rows or most of its columns, and not of both.

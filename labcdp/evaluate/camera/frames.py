@@ -1,4 +1,4 @@
-"""What the frames of a session say about its camera: dark signal, linearity, responsivity and QE."""
+"""Measurements in the frames of a session: dark signal, linearity, responsivity and QE of its camera."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ _F_NUMBER_REL, _TRANSMITTANCE_REL = 0.05, 0.1
 
 @dataclass(frozen=True)
 class SessionPoint(SeriesPoint):
-    """A point of a session's series; its light is what was measured of a patch."""
+    """A point of a session's series: a patch at one exposure, with its measured luminance."""
 
     light: MeasuredFrames
 

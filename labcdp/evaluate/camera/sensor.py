@@ -37,7 +37,7 @@ _RESULTS = "EMVA 1288 results"
 
 
 class _Stated(Table):
-    """What data sheets state instead of a key of the sensor; see `_read_data_sheet`."""
+    """Values that data sheets state instead of a key of the sensor; see `_read_data_sheet`."""
 
     wavelength_nm: Number | None = Field(None, ge=100, le=3000, description="a wavelength from 100 to 3000 nm")
     saturation_photons: Positive | None = Field(None, le=1e9, description="a number above 0, up to 1e9 photons")

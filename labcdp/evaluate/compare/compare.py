@@ -35,7 +35,7 @@ _LONGEST = 60
 
 @dataclass(frozen=True)
 class Question:
-    """What chains are asked.
+    """Question to chains: parameters to vary, contrast to detect, and tolerance.
 
     Parameters
     ----------

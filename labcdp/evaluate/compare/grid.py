@@ -59,7 +59,7 @@ class Uncertain:
         return value, low, high
 
     def correlation(self, other: Uncertain) -> NDArray[np.float64]:
-        """Return the coefficient of correlation: sum of the products of the parts by errors that both have.
+        """Return the correlation coefficient: the sum over common errors of the products of both parts.
 
         If the parts are not known, it is 1 if all sources are the same, 0 if none is, and nan otherwise.
         """

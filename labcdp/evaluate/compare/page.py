@@ -244,7 +244,7 @@ def _cards(comparison: Comparison) -> Iterator[Card]:
 
 
 def _each(grid: Grid, analysis: MapAnalysis) -> tuple[str, ...]:
-    """Return the usable range at each of a few values of the other parameters."""
+    """Return the usable range at each of a few values of the other parameters, as text."""
     ranges, axes = analysis.usable_ranges, {axis.name: axis for axis in grid.axes}
     texts = (ends_text(grid.axes[-1], usable.widest) if usable.widest else "none" for usable in ranges)
     return tuple(

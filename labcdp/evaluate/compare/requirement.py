@@ -52,7 +52,7 @@ def luminances(requirement: Requirement) -> Axis:
 
 
 def applied(requirement: Requirement, chain: Chain) -> Chain:
-    """Return a chain in the scene and conditions of a requirement; raises InputError if it has no such ones."""
+    """Return a chain in the scene and conditions of a requirement; raises InputError if it has no windscreen."""
     changes: dict[str, Any] = {"scene.contrast": requirement.contrast}
     if requirement.temperature_c is not None:
         changes["exposure.temperature_c"] = requirement.temperature_c
@@ -165,7 +165,7 @@ def _scaled(value: Any, factor: float) -> Any:
 
 
 def _limit(document: Mapping[str, Any], cdp: float, without: Callable[[Mapping[str, Any]], float]) -> str:
-    """Return what raises the CDP most where it is taken away; else the noise of the light itself."""
+    """Return the noise or loss whose removal raises the CDP most; without any, the noise of the light itself."""
     gains = {}
     for name, parameters in _LIMITS.items():
         stated = [parameter for parameter in parameters if _stated(document, parameter) is not None]

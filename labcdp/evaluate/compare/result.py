@@ -124,7 +124,7 @@ def _map_findings(comparison: Comparison) -> Iterator[Finding]:
 
 
 def _lows(comparison: Comparison, axis: MapAxis, range_index: int, n_digits: int) -> Iterator[str]:
-    """Yield down to which luminance each is usable, the darkest first; of two the ratio, too, if both are known."""
+    """Yield the lowest usable luminance of each, the darkest first; for two also the ratio if both are known."""
     all_intervals = [
         (subject.name, analysis.usable_ranges[range_index].intervals) for subject, analysis in _pairs(comparison)
     ]
@@ -159,7 +159,7 @@ def _pairs(comparison: Comparison) -> Iterator[tuple[Subject, MapAnalysis]]:
 
 
 def _bound(end: End) -> bool:
-    """Whether a lower end may be well below its place."""
+    """Whether a lower end may lie well below the stated value: the map ends there, or its steps are too wide."""
     below, above = end.bracket
     return end.is_open or not (end.resolved or above - below < _KNOWN * above)
 
@@ -188,7 +188,7 @@ def _assumptions(comparison: Comparison) -> Iterator[Finding]:
 
 
 def _doubts(picture: Subject) -> Iterator[Finding]:
-    """Say of a picture what its values were taken as, where nothing states it and contrasts would be others."""
+    """Name encodings and black levels of pictures that were assumed and matter for contrasts."""
     for finding in picture.content["findings"]:
         # Of results of several pictures, each says which ones it is about.
         files = finding["values"].get("files", [picture.name])

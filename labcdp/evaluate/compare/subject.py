@@ -1,4 +1,4 @@
-"""What can be compared: chains, maps of sweeps, calibrations and results, recognised by their files."""
+"""Subjects of a comparison: chains, maps of sweeps, calibrations and results, recognised by their files."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ _HINT = "give chains, maps of sweeps, sessions, calibrations, or the results of 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """One of what is compared.
+    """One of the things that are compared.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def read_subjects(sources: Sequence[Any], pictures: ImageSettings | None = None)
 
 
 def _evaluated_kind(source: Any, pictures: ImageSettings | None) -> str:
-    """Return the kind of what is evaluated before it is compared, a session or a picture; empty for anything else."""
+    """Return the kind of a session or picture, which is evaluated before it is compared; empty for anything else."""
     if isinstance(source, Session) or (isinstance(source, str | Path) and (Path(source) / SESSION_JOURNAL).is_file()):
         return "session"
     if not isinstance(source, str | Path) or Path(source).suffix.lower() in _SUFFIXES or not Path(source).is_file():
@@ -213,7 +213,7 @@ def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[Input
 
 
 def damaged(name: str) -> str:
-    """Say that results lack what results of their command have."""
+    """Return the error for results in which values of their command are missing."""
     return f"the results {name} are damaged or were written by another version of labcdp: evaluate again"
 
 

@@ -18,7 +18,7 @@ Bits = Annotated[int, Field(strict=True, ge=1, le=16)]
 
 
 class CameraSpecification(Table):
-    """What converts DN to luminance without a calibration: section 3 of the 2018 thesis, solved for the luminance.
+    """Parameters that convert DN to luminance without a calibration, by section 3 of the 2018 thesis.
 
     Keys of the TOML file are the fields; with units in their names.
     """

@@ -50,7 +50,7 @@ _F_NUMBER_REL = 0.01
 
 @dataclass(frozen=True)
 class PictureSource:
-    """What is known of a picture and its luminance, beside the pixels.
+    """Facts about a picture and its luminance other than the pixels.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class Converter:
     calibration: AnyCalibration | None = None
 
     def through(self, lens: Lens | None) -> Self:
-        """Return the same for images of a lens that is stated, None for none; what the user gave counts before it."""
+        """Return the converter for images of a stated lens, or of none; values given by the user take precedence."""
         if lens is None:
             return self
         stated = {name: getattr(lens, name) for name in ("focal_length_m", "pixel_pitch_m", "vignetting_rel")}
@@ -113,7 +113,7 @@ class Converter:
         return "relative" if self.specification is None and self.calibration is None else "cd/m^2"
 
     def given(self, **values: Any) -> Self:
-        """Return the same for pictures of which the user states something; see `PictureOptions.given`.
+        """Return the converter for pictures about which the user states something; see `PictureOptions.given`.
 
         Raises
         ------
@@ -229,7 +229,7 @@ class Converter:
         return self._map(frame, self.options.encoding or "linear", window or WHOLE, None, vignetting)
 
     def frame_of(self, picture: Picture) -> Frame:
-        """Return the DN of a picture if they are such as the converter is for.
+        """Return the DN of a picture, checked to be of the camera and setting that the converter is for.
 
         Raises
         ------
@@ -267,7 +267,7 @@ class Converter:
         return "cd/m^2" if picture.light_is_cd_m2 else self.unit
 
     def source(self, picture: Picture) -> PictureSource:
-        """Return what is known of a picture and its luminance."""
+        """Return the facts about a picture and its luminance."""
         frame = picture.frame
         simulated = frame is not None and frame.camera.simulated
         return PictureSource(
@@ -284,7 +284,7 @@ class Converter:
         )
 
     def findings(self, picture: Picture) -> tuple[Finding, ...]:
-        """Return what a user should know about a picture and its map."""
+        """Return the findings about a picture and its map."""
         if picture.light_is_cd_m2:
             unused = [info("conversion-ignored", conversion=self.description)] if self.unit == "cd/m^2" else []
             given = [what for name, what in LENS.items() if name in self.options.overrides]
@@ -303,7 +303,7 @@ class Converter:
     def with_pairs(
         self, findings: Sequence[Finding], picture: Picture, luminance: LuminanceMap, pairs: Sequence[tuple[Roi, Roi]]
     ) -> tuple[Finding, ...]:
-        """Return findings whose doubts about a picture are about the pair of regions for which they matter most.
+        """Return the findings, with doubts about a picture stated for the pair of regions that they affect most.
 
         Parameters
         ----------
@@ -330,7 +330,7 @@ class Converter:
         return (*about_pairs, *kept)
 
     def doubt_findings(self, doubts: Doubts) -> tuple[Finding, ...]:
-        """Return warnings of what is doubtful about values, with what a contrast would be otherwise."""
+        """Return warnings about doubtful assumptions, with the contrast that another assumption would give."""
         codes, findings = self.doubt_codes(doubts), []
         if MOSAIC in codes:
             findings.append(warning(MOSAIC, mosaic=doubts.mosaic))
@@ -341,14 +341,14 @@ class Converter:
         return tuple(findings)
 
     def doubt_codes(self, doubts: Doubts) -> tuple[str, ...]:
-        """Return the codes of what is doubtful about values, unless calibration or camera specification say it."""
+        """Return the codes of doubtful assumptions that neither calibration nor camera specification settles."""
         if self.calibration is not None:
             return ()
         black_is_known = self.specification is not None and self.specification.black_dn is not None
         return tuple(code for code in doubts.codes if not (black_is_known and code == "black-level-doubtful"))
 
     def vignetting_findings(self, vignetting: AssumedVignetting | None) -> tuple[Finding, ...]:
-        """Return what a user should know about the scale and the vignetting."""
+        """Return the findings about the scale and the vignetting."""
         given = [what for name, what in LENS.items() if name in self.options.overrides]
         if len(given) == 1 and not isinstance(vignetting, Cos4Vignetting):
             (missing,) = set(LENS.values()) - set(given)
@@ -372,7 +372,7 @@ RELATIVE = Converter("relative luminance", PictureOptions())
 
 
 def _specification_findings(specification: CameraSpecification | None, picture: Picture, frame: Frame) -> list[Finding]:
-    """Return what a user should know about light by guessed parameters, or relative light."""
+    """Return the findings about luminance by guessed parameters, or relative luminance."""
     findings, stated = [], picture.f_number
     if specification is not None:
         findings.append(warning("camera-guessed"))
@@ -390,7 +390,7 @@ def _specification_findings(specification: CameraSpecification | None, picture: 
 
 
 def _calibration_findings(calibration: AnyCalibration, picture: Picture, frame: Frame) -> list[Finding]:
-    """Return what a user should know about light by a calibration."""
+    """Return the findings about luminance by a calibration."""
     findings = [] if picture.camera_stated else [warning("camera-assumed", camera=str(calibration.state.camera))]
     for plane in calibration.planes:
         dark = plane.setting(frame.gain_db).dark

@@ -80,7 +80,7 @@ def _drawn(cdps: Cdp[NDArray[np.float64]], measured: float) -> Sequence[Cdp[floa
 
 
 def luminance_label(unit: str) -> str:
-    """Return what stands at an axis of luminance."""
+    """Return the label of an axis of luminance."""
     return "relative luminance" if unit == "relative" else f"luminance in {unit}"
 
 

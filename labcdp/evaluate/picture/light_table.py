@@ -1,4 +1,4 @@
-"""From DN to light by a table: what a camera specification, and no knowledge at all, have in common."""
+"""Conversion of DN to luminance by a table, for a camera specification or relative values."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def vignetting_errors(
 
 
 def _values(table: _Light, dn: NDArray[np.unsignedinteger[Any]], offset_dn: _Maps | None) -> _Light:
-    """Values of a table at DN less what the black level of each pixel adds, by straight lines between and beyond DN."""
+    """Values of a table at DN from which the black level of each pixel is subtracted, by linear interpolation."""
     if offset_dn is None:
         return look_up(table, dn)
     at = dn - offset_dn.astype(np.float64)

@@ -1,4 +1,4 @@
-"""What is to be evaluated of pictures."""
+"""Settings of the evaluation of pictures."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _OPTIONS = ("exposure_s", "gain_db", "temperature_c", "bit_depth", "pixel_format
 
 @dataclass(frozen=True)
 class ImageSettings:
-    """What is to be evaluated of pictures; can be sent to another process.
+    """Settings of the evaluation of pictures; can be sent to another process.
 
     Parameters
     ----------

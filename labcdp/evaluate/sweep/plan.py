@@ -1,4 +1,4 @@
-"""What a sweep is: a chain, the parameters that are varied with their values, and what is evaluated."""
+"""Plan of a sweep: a chain, the parameters that are varied with their values, and the contrasts to detect."""
 
 from __future__ import annotations
 
@@ -203,7 +203,7 @@ class Sweep:
         return (*self.axes, Axis(TO_DETECT, self.contrast)) if isinstance(self.contrast, tuple) else self.axes
 
     def findings(self) -> tuple[Finding, ...]:
-        """Return what a user of the map should know."""
+        """Return the findings about the map."""
         return on_axis(self.chain) if self.exact else ()
 
     def identity(self) -> dict[str, Any]:
@@ -224,7 +224,7 @@ class Sweep:
 
 
 def on_axis(chain: Chain) -> tuple[Finding, ...]:
-    """Say of a prediction that it is on the axis, if there is a lens with vignetting."""
+    """Return a finding that a prediction is for the optical axis, if the lens has vignetting."""
     lens = any(getattr(part, "focal_length_m", None) for _, part in chain.before)
     return (info("map-on-axis"),) if lens else ()
 

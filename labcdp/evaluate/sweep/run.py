@@ -80,7 +80,7 @@ def _scene_contrast(sweep: Sweep) -> float:
 
 
 def _described(axis: Axis) -> dict[str, str]:
-    """Return unit and name of a parameter, whose end states its unit, as attributes of its coordinate."""
+    """Return unit and description of a parameter, by the end of its name, as attributes of its coordinate."""
     ending = max((ending for ending in UNITS if axis.parameter.endswith(ending)), key=len, default="")
     table, _, key = axis.parameter.removesuffix(ending).partition(".")
     words = "target contrast" if axis.parameter == TO_DETECT else f"{'' if key == table else table} {key}"

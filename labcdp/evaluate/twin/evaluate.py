@@ -143,7 +143,7 @@ def twin_session(
 def _pair_requests(
     observed: ObservedSession, level: dict[str, float], contrast: TargetContrasts, epsilon: float, left_out: _LeftOut
 ) -> list[PairRequest]:
-    """Pairs to compare, those of the configuration first; add those that are of no use to `left_out`."""
+    """Return the pairs to compare, those of the configuration first; pairs that cannot be compared go to `left_out`."""
     for target in each_contrast(contrast):
         checked_contrast(LEAST_CONTRAST if target is None else target, epsilon)
     requests: list[PairRequest] = []
@@ -207,7 +207,7 @@ def _findings(left_out: _LeftOut) -> Iterator[Finding]:
 
 
 def _correction_findings(twin: TwinParameters, exposures_s: Collection[float]) -> Iterator[Finding]:
-    """Yield what is compared instead of DSNU and PRNU."""
+    """Yield findings about corrections that replace DSNU and PRNU."""
     corrected_s = [t for t in sorted(exposures_s) if twin.takes_pattern_off(t)]
     if corrected_s:
         yield info("twin-dark-library", exposures_s=corrected_s)

@@ -104,7 +104,7 @@ class TwinParameters:
 
     @cached_property
     def quantities(self) -> dict[str, tuple[str, Quantity]]:
-        """What they are called, and all parameters with uncertainties, by their names in a chain file.
+        """Label and value of each parameter with uncertainty, by its name in a chain file.
 
         In electrons and at the session's gain.
         """

@@ -1,4 +1,4 @@
-"""The patches of a session as input of the twin and by the camera, and their signals in DN."""
+"""Patches of a session: input of the twin, luminance by the camera, and signals in DN."""
 
 from __future__ import annotations
 

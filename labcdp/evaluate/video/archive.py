@@ -73,7 +73,7 @@ class ArchiveTask:
 
     @classmethod
     def of(cls, video: Path, folder: Path, part: str = "") -> ArchiveTask:
-        """Look at a video; one that cannot be looked at will fail when it is evaluated."""
+        """Make the task of a video; a file that cannot be read fails later, in its evaluation."""
         try:
             return cls(video, folder, part, tuple(_files(video)))
         except OSError:
@@ -95,7 +95,7 @@ class ArchiveTask:
             raise NotSeenError(f"{self.video} differs between the worker and this computer: {remedy}")
 
     def finished(self, settings: Mapping[str, Any]) -> dict[str, Any] | None:
-        """Return what is recorded of the video; None if it, settings, labcdp or a file of the results changed since."""
+        """Return the recorded results; None if video, settings, labcdp or a file of the results changed since."""
         try:
             record = validated_as(_Record, read_json(self.folder / RECORD, "a record of a finished video"))
             listed = read_list(self.folder)

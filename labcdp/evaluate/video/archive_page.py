@@ -111,7 +111,7 @@ def _inputs(done: list[VideoOutcome]) -> Iterator[InputFile]:
 
 
 def archive_files(result: Result) -> dict[str, bytes]:
-    """Return the files that say what became of the videos of an archive, each of which has its own folder.
+    """Return the files about all videos of an archive; each video has a folder of its own.
 
     Returns
     -------
@@ -150,7 +150,7 @@ def archive_page(result: Result) -> Page:
 
 
 def _over_all(videos: Table) -> Iterator[Card]:
-    """Yield the card of the share of frames in which the contrast is detected: mean, spread and worst video."""
+    """Yield the card of the shares of frames in which the contrast is detected: mean, spread and worst video."""
     rows = [row for row in videos.sorted_by("detected_share").rows() if row["detected_share"] is not None]
     if not rows:
         return

@@ -1,4 +1,4 @@
-"""Results of a video's frames as one Dataset, and what each of its variables is."""
+"""Results of a video's frames as one Dataset, with the description of each variable."""
 
 from __future__ import annotations
 

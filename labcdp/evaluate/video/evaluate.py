@@ -286,7 +286,7 @@ def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
 def converter_findings(
     converter: Converter, source: VideoSource, readings: Sequence[Finding] | None = None
 ) -> tuple[Finding, ...]:
-    """Return what there is to know about the luminance of a video's frames.
+    """Return the findings about the luminance of a video's frames.
 
     `readings` is what is known of the regions in all frames by other readings of the values, as `reading_findings`;
     None if they are not known.

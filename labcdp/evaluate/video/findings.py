@@ -1,4 +1,4 @@
-"""Findings about the frames of a video: what the frames have in common, stretches without a region, and notes."""
+"""Findings about the frames of a video: those about all frames, stretches without a region, and notes."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def video_findings(columns: Mapping[str, NDArray[Any]], regions: Sequence[str]) 
 
 
 def _counted_findings(columns: Mapping[str, NDArray[Any]], n_frames: int) -> Iterator[Finding]:
-    """Yield for each code how many frames have it, and the first of them."""
+    """Yield for each code a finding with the number of its frames, and the first of them."""
     #: For each code how many frames have it, and the number and the finding of the first of them.
     counts: dict[str, tuple[int, int, Finding]] = {}
     for frame, findings in zip(columns["frame"].tolist(), columns["findings"], strict=True):
@@ -107,7 +107,7 @@ def _counted_findings(columns: Mapping[str, NDArray[Any]], n_frames: int) -> Ite
 
 
 def _invalid_findings(columns: Mapping[str, NDArray[Any]], regions: Sequence[str], n_frames: int) -> Iterator[Finding]:
-    """Yield in how many frames pixels of a region are invalid for a reason, and which share at most."""
+    """Yield for each reason a finding with the number of frames with invalid pixels, and their largest share."""
     largest: dict[tuple[str, str], list[float]] = {}
     for shares_of_regions in columns["invalid"]:
         for region, shares in zip(regions, shares_of_regions or (), strict=False):

@@ -90,7 +90,7 @@ def _chosen(contrasts: Table) -> list[dict[str, Any]]:
 
 
 def _measured(dataset: Dataset) -> Iterator[Card]:
-    """Yield the card of the measured contrast: what contrasts asked for are to be compared with."""
+    """Yield the card of the measured contrast, with which target contrasts are to be compared."""
     if "measured_contrast" not in dataset:
         return
     contrasts = dataset["measured_contrast"].to_numpy()

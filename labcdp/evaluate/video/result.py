@@ -124,7 +124,7 @@ def unit_of(dataset: Dataset) -> str:
 
 
 def configuration_of(dataset: Dataset) -> dict[str, Any]:
-    """Return all that decided the results."""
+    """Return the configuration that determines the results."""
     names = ("mode", "method", "unit", "conversion")
     stated = {name: dataset.attrs[name] for name in names if name in dataset.attrs}
     return {**_json(dataset, "configuration", {}), **stated}

@@ -152,7 +152,7 @@ class PartRun:
         return tuple(item.regions[roi] for roi in self.settings.rois if roi in item.regions)
 
     def _learn(self, contrast: float) -> bool:
-        """Take note of the contrast that was measured in a frame; whether other contrasts are to be detected since."""
+        """Store the contrast measured in a frame; returns whether that changes the contrasts to be detected."""
         if self._first_contrast is not None or not (isfinite(contrast) and contrast > 0):
             return False
         self._first_contrast = contrast
@@ -242,7 +242,7 @@ def is_end(row: Row) -> bool:
 
 
 def variables(row: Row) -> Row:
-    """Return what of a row are variables of the Dataset."""
+    """Return the values of a row that are variables of the Dataset."""
     values = {name: value for name, value in row.items() if name not in (_FINDINGS, _INVALID)}
     findings = restored(row[_FINDINGS])
     return {**values, NOTE.name: note_text(findings), FINDINGS.name: findings_text(findings)}
@@ -400,7 +400,7 @@ class VideoRun:
             raise InputError(f"{self._why(unseen)}; the same applies to all others")
 
     def _why(self, frame: VideoFrame) -> str:
-        """Say why a frame is lost, in which the regions were drawn."""
+        """Return why the frame in which the regions were drawn cannot be used."""
         text = "" if frame.fault is None else finding_text(frame.fault)
         return f"frame {frame.number} of {self._source.path}, in which the regions are: {text}"
 

@@ -243,7 +243,7 @@ def package_versions() -> dict[str, str]:
 
 
 def video_configuration(settings: VideoSettings, reference: VideoReference | None) -> dict[str, Any]:
-    """All that decides the results, as values JSON can hold."""
+    """Return the settings that determine the results, as values JSON can hold."""
     epsilon = settings.epsilon
     stated: Any = settings.reference
     if reference is not None:

@@ -117,7 +117,7 @@ def _kept(light: bytes, dtype: str, contrasts: tuple[float, ...], epsilon: Epsil
 
 
 def _classes(light: NDArray[np.float64], ends: Sequence[float]) -> NDArray[np.uint8]:
-    """How many places each pair of DN exceeds, shape (256, 256)."""
+    """Count the class limits that each pair of DN exceeds, shape (256, 256)."""
     larger, smaller = np.maximum.outer(light, light), np.maximum(np.minimum.outer(light, light), 0)
     classes = (larger > 0).astype(np.uint8)
     for end in ends:

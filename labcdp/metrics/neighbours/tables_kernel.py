@@ -20,7 +20,7 @@ _RUN, _ROWS = 1024, 120
 
 
 class Pairs(NamedTuple):
-    """Classes of pairs of DN, and what lies inside the interval of each contrast.
+    """Classes of pairs of DN, and the classes inside the interval of each contrast.
 
     Parameters
     ----------

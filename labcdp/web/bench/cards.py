@@ -75,7 +75,7 @@ def _change(name: str, before: object, now: object) -> str:
 
 
 def pair_card(bench: LiveBench) -> str:
-    """Write the card of the CDP of the chosen pair; blank until it is measured as its heading and fields say."""
+    """Write the card of the CDP of the chosen pair; blank until it is measured with the shown settings."""
     pair = bench.workspace.drawing.pair_rois
     if len(pair) < 2:
         return _card("CDP", "-", "open", "choose two regions")

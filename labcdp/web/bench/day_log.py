@@ -158,7 +158,7 @@ _KINDS: dict[str, type] = {"readings": MeterReading, "snapshots": Snapshot, "set
 
 @dataclass(frozen=True)
 class Day:
-    """What is in the log of a day, the oldest first.
+    """Entries in the log of a day, the oldest first.
 
     Parameters
     ----------

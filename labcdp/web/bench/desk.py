@@ -31,7 +31,7 @@ _MOST_CD_M2 = 1e7
 
 @dataclass(frozen=True)
 class BenchOfPage:
-    """What stands on the bench beside the camera.
+    """Devices on the bench beside the camera.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def meter_reading(
     image: PageImage,
     rois: Sequence[Roi],
 ) -> MeterReading:
-    """Return what a meter of known accuracy, or not, said, with what the calibrated camera sees in the region now."""
+    """Return a record of a meter's reading, with the luminance that the calibrated camera sees in the region now."""
     camera, camera_u, saturated = None, None, False
     for roi in rois:
         if roi.name == region and image.unit == "cd/m^2":
@@ -74,7 +74,7 @@ def meter_reading(
 
 
 def _require_shown(luminance_cd_m2: float, described: MeterConfiguration | None) -> None:
-    """Refuse what the meter, or no meter at all, can show; 0 is what one in the dark shows."""
+    """Refuse a luminance that no meter, or not this one, can show; 0 is shown in the dark."""
     low, high, which = 0.0, _MOST_CD_M2, "luminance meters show"
     driver = None if described is None else DRIVERS.get(described.model)
     if described is not None and described.certificate is not None and described.certificate.range_cd_m2:
@@ -133,7 +133,7 @@ class MeterDesk:
         return next((reading for _, reading in self.log.readings), None)
 
     def note(self, taken: ReadingSeries, origin: str, region: str, known: bool = True) -> None:
-        """Add what a meter of known accuracy, or not, says, with what the camera sees in the region now."""
+        """Add a reading, with the luminance that the camera sees in the region now."""
         self.log.add(meter_reading(taken, origin, known, region, self.log.time(), *self._seen()))
 
     def enter(self, text: str, region: str, described: MeterConfiguration | None) -> None:

@@ -123,7 +123,7 @@ class LiveBench:
         )
 
     def target_of(self, drawing: Drawing) -> Target:
-        """Return what is to be detected of the pair of a drawing: as typed, else by the plan."""
+        """Return target contrasts and tolerance of the pair of a drawing: as typed, else by the plan."""
         pair = frozenset(drawing.pair)
         if pair in self._targets:
             return self._targets[pair]
@@ -136,7 +136,7 @@ class LiveBench:
 
     @property
     def target(self) -> Target:
-        """What is to be detected of the chosen pair."""
+        """Target contrasts and tolerance of the chosen pair."""
         return self.target_of(self.workspace.drawing)
 
     def begin(self, workspace: Workspace) -> None:
@@ -277,7 +277,7 @@ class LiveBench:
 
     @property
     def question(self) -> str:
-        """What the acquisition asks now; empty if nothing."""
+        """The open question of the acquisition; empty without one."""
         current = None if self.recording is None or not self.busy else self.recording.operator.question
         return "" if current is None else current.text
 
@@ -310,7 +310,7 @@ class LiveBench:
 
     @property
     def _asked(self) -> tuple[object, ...]:
-        """The chosen regions as drawn now, and what is to be detected of them."""
+        """The chosen regions as drawn now, with their target contrasts and tolerance."""
         return (*self.workspace.drawing.pair_rois, self.target)
 
     def _seen(self) -> tuple[PageImage, tuple[Roi, ...]]:

@@ -235,11 +235,11 @@ class BenchPage:
             self._map.show_range(DisplayScale("gamma", 0.0, highest))
 
     def _asked(self) -> list[tuple[str, str]]:
-        """Return what a recording asks, which is above all other messages."""
+        """Return the question of a recording, which is shown above all other messages."""
         return [("question", self.bench.question)]
 
     def _said(self) -> list[tuple[str, str]]:
-        """Return what is said of work, camera and log."""
+        """Return the messages about work, camera and log."""
         bench = self.bench
         busy = "" if bench.question else bench.busy
         return [
@@ -284,7 +284,7 @@ class BenchPage:
         self.bench.workspace.say(f"{n} CDP noted in {self.bench.log.path}")
 
     def _show_pair(self) -> None:
-        """Show the chosen pair and what is to be detected of it, when one of these has changed."""
+        """Show the chosen pair and its target contrasts when one of these has changed."""
         drawing, target = self.bench.workspace.drawing, self.bench.target
         names = [_NONE, *(roi.name for roi in drawing.rois)]
         if (*names, *drawing.pair, target) == self._aimed:

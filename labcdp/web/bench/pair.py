@@ -38,7 +38,7 @@ _RANGE, _N_POINTS = (0.05, 20.0), 60
 
 @dataclass(frozen=True)
 class Target:
-    """What is to be detected.
+    """Target contrasts and their tolerance.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def verdict(measured: float, counting: tuple[float, float], interval: tuple[floa
 
 
 def snapshots_of(pair: PairEvaluation, time: datetime, taken: tuple[float, float], unit: str) -> list[Snapshot]:
-    """Return what is noted of a pair with a result, at each target contrast: no number of saturated regions."""
+    """Return the log entries of a pair with a result, one for each target contrast, without numbers if saturated."""
     result = pair.result
     assert result is not None, "it was measured"
     saturated = is_saturated(result.a, result.b)

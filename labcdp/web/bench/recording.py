@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Question:
-    """What the person at the bench is asked.
+    """Question to the person at the bench.
 
     Parameters
     ----------

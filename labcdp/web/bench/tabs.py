@@ -118,7 +118,7 @@ class CameraTab:
 
 
 def _value(feature: FeatureDescription, text: str) -> FeatureValue | None:
-    """Read a value of the kind that the feature has; None if it is none."""
+    """Read a text as a value of the feature's type; None if it is not such a value."""
     kind = type(feature.value)
     if kind is bool:
         return {"true": True, "1": True, "false": False, "0": False}.get(text.lower())

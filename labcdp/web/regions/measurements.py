@@ -91,7 +91,7 @@ class PairEvaluation:
     error: str = ""
 
     def answers(self, pair: Sequence[Roi], contrasts: Sequence[float] | None, epsilon: float) -> bool:
-        """Whether it is of these two regions, as they are drawn now, and was asked for these contrasts."""
+        """Whether it was measured for these two regions as drawn now, and for these contrasts."""
         targets = None if contrasts is None else tuple(contrasts)
         return ((self.first, self.second), self.contrasts, self.epsilon) == (tuple(pair), targets, epsilon)
 

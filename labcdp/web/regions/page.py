@@ -97,7 +97,7 @@ class Page(Widgets):
         self.update()
 
     def head(self, *more: Any) -> tuple[Any, ...]:
-        """Return what is above the tabs: theme, `more`, value under the pointer, and messages."""
+        """Return the head of the page: theme, `more`, value under the pointer, and messages."""
         return pn.Row(self.picture.theme, *more, self._readout, margin=0, sizing_mode="stretch_width"), self._messages
 
     def side(self) -> Any:
@@ -124,7 +124,7 @@ class Page(Widgets):
         )
 
     def do(self, message: dict[str, Any]) -> bool:
-        """Apply a message as `Workspace.do`, or of `acts`, if the tab may change anything; all may select."""
+        """Apply a message, by `acts` or `Workspace.do`, if the tab may change anything; all tabs may select."""
         act = self.acts.get(message["do"])
         if act is None:
             return (message["do"] == "select" or self.may_change()) and self.workspace.do(message)

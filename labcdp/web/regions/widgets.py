@@ -178,7 +178,7 @@ class Widgets:
         self.settle(field.widget)
 
     def settle(self, widget: Any) -> None:
-        """Say no more of a field's text, which the program has set."""
+        """Forget complaints about a field's text, which the program has set."""
         self._complain(widget, "")
 
     def on_enter(self, field: Any, action: Callable[[str], object]) -> None:

@@ -85,7 +85,7 @@ class ContrastMapSettings:
 
 
 class EdgeKind(IntEnum):
-    """What an edge is."""
+    """Verdict on an edge."""
 
     #: Contrast of at least the requested minimum, and probably detected.
     SEEN = 0

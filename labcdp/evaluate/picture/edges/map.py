@@ -68,7 +68,7 @@ class ContrastMap:
 
     @property
     def contrast(self) -> float | None:
-        """Contrast that all edges are asked for; None for that of each."""
+        """Target contrast for all edges; None if each is judged at its measured contrast."""
         (target,) = each_contrast(self.settings.contrast)
         return target
 
@@ -187,7 +187,7 @@ def _check_reference(luminance: LuminanceMap, reference: LuminanceMap, settings:
 
 
 def _errors(luminance: LuminanceMap, regions: MapRegions) -> list[NDArray[np.float64]]:
-    """Relative errors of the mean of each region by those errors of the calibration that are not alike everywhere."""
+    """Relative errors of each region's mean by the errors of the calibration that vary over the image."""
     n = regions.mean.size
     mean = mean_of(regions.labels, luminance.luminance_cd_m2, n)
     means = []

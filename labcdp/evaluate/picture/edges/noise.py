@@ -1,4 +1,4 @@
-"""How far regions of noise alone differ, when their borders were laid by noise such as that of an image."""
+"""Differences between regions of pure noise whose borders were found in noise like that of an image."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class MapNoise:
 
 
 def map_noise(image: NDArray[np.floating[Any]], regions: MapRegions) -> MapNoise:
-    """Find out how noise of the kind that an image has moves the regions of a map.
+    """Simulate noise like that of an image, and measure how it affects the regions of a map.
 
     Parameters
     ----------

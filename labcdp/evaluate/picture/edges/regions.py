@@ -1,4 +1,4 @@
-"""Regions of a contrast map: an image cut into superpixels, and what the pixels of each say."""
+"""Regions of a contrast map: an image cut into superpixels, and the statistics of the pixels of each."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class MapRegions:
     slope: Floats
 
     def steady(self, sides: Labels, places_px: Floats) -> NDArray[np.bool_]:
-        """Whether the light changes as steadily within two regions as to a place (x, y) between them, as shading does.
+        """Whether light changes within two regions as steadily as across their border at (x, y), as shading does.
 
         The bright and the dark region both change towards it, and leave no step there.
         """

@@ -1,4 +1,4 @@
-"""The result of a contrast map: what is detected, and a row for each edge."""
+"""The result of a contrast map: shares of detected edges, and a row for each edge."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def edge_table(edge_map: ContrastMap, source: PictureSource) -> Table:
 
 
 def _values_at_contrast(edge_map: ContrastMap) -> list[NamedValue]:
-    """List what is said of the whole image at a contrast to be detected."""
+    """List the values of the whole image at a contrast to be detected."""
     counted = "edges with at least the minimum contrast"
     return [
         NamedValue("detected edges", edge_map.detected_share, "%", f"share of the {counted} that are detected"),
@@ -104,7 +104,7 @@ def _values_at_contrast(edge_map: ContrastMap) -> list[NamedValue]:
 
 
 def _contrasts(edge_map: ContrastMap) -> Iterator[Table]:
-    """Yield what is said of the whole image at each of several contrasts, a row for each."""
+    """Yield the values of the whole image at each of several contrasts, a row for each."""
     if edge_map.others:
         counts = [
             Column(f"n_{name.replace(' ', '_')}", name, "", f"Number of edges: {meaning}.", value=_counting(kind))
@@ -124,7 +124,7 @@ def _counting(kind: EdgeKind) -> Callable[[ContrastMap], int]:
 
 
 def _values_at_any_contrast(edge_map: ContrastMap) -> list[NamedValue]:
-    """List what is said of the whole image at any contrast."""
+    """List the values of the whole image that do not depend on the target contrast."""
     return [
         NamedValue("borders between regions", int(edge_map.edges.kind.size), "", "all edges together"),
         NamedValue("borders in the noise", edge_map.blind_share, "%", "where the minimum contrast is not significant"),

@@ -31,7 +31,7 @@ _MAD_OF_NORMAL = 0.6744897501960817
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """The points of a section of a map along an axis that count.
+    """Usable points of a section of a map along an axis.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class Curve:
         return cls(axis, axis.values[counts], values[counts], noise, section["cdp"].values[counts])
 
     def lies_below(self, low: int, high: int, min_fall: float) -> bool:
-        """Whether one point lies below another by enough, and by more than noise explains."""
+        """Whether one point lies below another by more than a threshold and by more than noise explains."""
         noise = float(np.hypot(self.noise[low], self.noise[high]))
         return bool(
             self.values[low] < (1 - min_fall) * self.values[high] and self.values[low] < self.values[high] - noise

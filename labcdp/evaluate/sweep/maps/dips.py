@@ -153,7 +153,7 @@ def _falls(curve: Curve) -> tuple[list[tuple[int, int]], bool]:
 
 
 def _explained(curve: Curve, falls: list[tuple[int, int]], expected: list[float]) -> dict[int, float]:
-    """Which fall belongs to which expected luminance; the nearest pairs first, each once."""
+    """Assign falls to expected luminances, the nearest pairs first, each once."""
     scaled = curve.axis.scaled
     pairs = []
     for number, (peak, trough) in enumerate(falls):

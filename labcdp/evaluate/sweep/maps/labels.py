@@ -1,4 +1,4 @@
-"""What tables, picture and page of a map call its axes, variables and ranges."""
+"""Labels of the axes, variables and ranges of a map in its tables, picture and page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a map of CDP over parameters of a chain shows: isolines, usable ranges and dips."""
+"""Analysis of a map of CDP over parameters of a chain: isolines, usable ranges and dips."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _LEAST_CDP = 0.1
 
 @dataclass(frozen=True)
 class MapAnalysis:
-    """What a map shows; `dataclasses.asdict` makes of it what JSON can hold.
+    """Analysis of a map; `dataclasses.asdict` gives values JSON can hold.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class UsableInterval:
 
     @property
     def width(self) -> tuple[float, float]:
-        """By which intervals are compared: decades if meaningful, then the difference of the ends."""
+        """Key for comparing intervals by width: decades if meaningful, then the difference of the ends."""
         return (self.decades if self.of_ratios else 0.0, self.high - self.low)
 
 

@@ -1,4 +1,4 @@
-"""What the picture and the page of a map draw: its panels or curves, in the units that are shown."""
+"""Panels or curves of a map for its picture and page, in the units that are shown."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class MapView:
         return at_text(at, self.map.axes)
 
     def overlays(self, at: At) -> Iterator[tuple[str, int | None, list[Points]]]:
-        """Iterate over what is drawn over a section: text, number and lines.
+        """Iterate over the lines drawn over a section: text, number and lines.
 
         These are the isolines, numbered by their levels, and without number the widest usable range if it lies there.
         """

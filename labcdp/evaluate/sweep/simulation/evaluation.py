@@ -1,4 +1,4 @@
-"""Evaluation of a run of the imaging chain: what each stage leaves of signal, contrast and CDP."""
+"""Evaluation of a run of the imaging chain: signal, contrast and CDP behind each stage."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def relative_illuminance(signal: Signal) -> NDArray[np.float64] | None:
 def axial_where_saturated(
     luminance: NDArray[Any], signal: Signal, relative: NDArray[np.float64] | None
 ) -> NDArray[Any]:
-    """Luminance in which each saturated pixel has what its value stands for on the axis, as all others there have.
+    """Luminance with saturated pixels set to the luminance that their value has on the axis.
 
     A saturated pixel shows a lowest luminance. Divided by the vignetting, equal values would differ, and with them
     regions in which nothing can be told apart.
@@ -65,7 +65,7 @@ def axial_where_saturated(
 
 
 def without_fall_off(values: NDArray[Any], relative: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values of a region, shape (n,), about their mean without what follows the relative illuminance, shape (n,)."""
+    """Values of a region, shape (n,), without the part that follows the relative illuminance, shape (n,); same mean."""
     order = np.argsort(relative, kind="stable")
     x, y = relative[order], values[order].astype(np.float64)
     starts = np.unique(np.linspace(0, x.size, min(_PARTS, max(1, x.size // 8)), endpoint=False).astype(np.intp))
@@ -87,7 +87,7 @@ def without_fall_off(values: NDArray[Any], relative: NDArray[np.float64]) -> NDA
 
 
 def pixels_behind(signal: Signal) -> tuple[NDArray[Any], NDArray[Any], NDArray[np.float64] | None]:
-    """Return what pixels have behind a stage: values, the luminance they stand for, and the relative illuminance."""
+    """Return values, luminance and relative illuminance of the pixels behind a stage."""
     relative = relative_illuminance(signal) if signal.oversampling == 1 else None
     luminance = axial_where_saturated(signal.luminance_cd_m2, signal, relative)
     return pixel_means(signal.values, signal.oversampling), pixel_means(luminance, signal.oversampling), relative
@@ -176,13 +176,13 @@ def evaluate_pair(
 def _seen_region(
     signal: Signal, light: metrics.Distribution, mask: NDArray[np.bool_]
 ) -> tuple[float, float, Quantity, float]:
-    """Return what `StageLuminance` holds."""
+    """Return mean, standard deviation, SNR and saturated share of a region."""
     saturated = 0.0 if signal.saturated is None else float(signal.saturated[mask].mean())
     return light.mean, _deviation(light), metrics.snr(light), saturated
 
 
 def _true_means(run: ChainRun, masks: Mapping[str, NDArray[np.bool_]]) -> dict[str, float]:
-    """Mean luminance of the scene in each region; of uniform regions as they were given."""
+    """Mean luminance of the scene in each region; for uniform regions the value of the scene's parameters."""
     given = {level.name: level.luminance_cd_m2 for level in run.chain.scene.levels()}
     scene = pixel_means(run["scene"].values, run["scene"].oversampling)
     return {

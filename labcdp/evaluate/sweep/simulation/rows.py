@@ -1,4 +1,4 @@
-"""What one simulated image shows: each region and each pair of regions behind each stage."""
+"""Records of a simulated image: each region and each pair of regions behind each stage."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from xarray import Dataset
@@ -22,6 +22,7 @@ from ..evaluate.compare.subject import picture_settings
 from ..evaluate.picture.settings import ImageSettings
 from ..evaluate.requirement import Requirement
 from ..evaluate.sweep.plan import Axis
+from ..files.transfer import Encoding
 from ..report.files import envelope
 from ..report.text import finding_text, text_table
 from .arguments import Contrasts, PathArgument, as_contrasts, as_number, as_path
@@ -103,7 +104,7 @@ def _picture_comparison(
     epsilon: float,
     calibration: PathArgument | AnyCalibration | None = None,
     camera_spec: PathArgument | None = None,
-    encoding: Literal["linear", "srgb"] | None = None,
+    encoding: Encoding | None = None,
     **stated: Unpack[Stated],
 ) -> ImageSettings:
     """Return the settings with which pictures are evaluated, from the arguments of `compare` and `read_image`."""

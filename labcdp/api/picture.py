@@ -23,6 +23,7 @@ from ..evaluate.picture.converter import Converter, make_converter
 from ..evaluate.picture.neighbours import evaluate_neighbours
 from ..files.picture import Picture
 from ..files.read import read_picture
+from ..files.transfer import Encoding
 from ..metrics import Epsilon
 from ..report.text import finding_text
 from .arguments import (
@@ -67,7 +68,7 @@ def read_image(
     *,
     calibration: PathArgument | AnyCalibration | None = None,
     camera_spec: PathArgument | None = None,
-    encoding: Literal["linear", "srgb"] | None = None,
+    encoding: Encoding | None = None,
     **stated: Unpack[Stated],
 ) -> Image:
     """Read a picture for evaluation.
@@ -84,8 +85,9 @@ def read_image(
         For luminance in cd/m^2.
     camera_spec : path
         Camera specification (TOML), for luminance in cd/m^2 by guessed parameters.
-    encoding : {'linear', 'srgb'}
-        How values are encoded; None for what the kind of file suggests.
+    encoding : {'linear', 'srgb'}, str or Companding
+        How values are encoded; of companded data the curve, or the name of one that ships with labcdp, such as
+        ``AR0231``, or of a file in TOML. None for what the file states, or its kind suggests.
     exposure_s, gain_db, temperature_c, bit_depth
         What the user states about the picture; it counts before what the file says.
     black_level_dn, bayer
@@ -127,7 +129,7 @@ def read_image(
 def converter_of(
     calibration: PathArgument | AnyCalibration | None,
     camera_spec: PathArgument | None,
-    encoding: Literal["linear", "srgb"] | None,
+    encoding: Encoding | None,
     stated: Mapping[str, Any],
     kind: Any,
 ) -> Converter:
@@ -142,8 +144,6 @@ def converter_of(
     """
     for name in stated.keys() - kind.__annotations__.keys():
         raise TypeError(f"unexpected keyword argument {name!r}: give some of {', '.join(kind.__annotations__)}")
-    if encoding not in (None, "linear", "srgb"):
-        raise InputError(f"encoding is {encoding!r}: give 'linear' or 'srgb'")
     if calibration is not None and not isinstance(calibration, Calibration | ColourCalibration):
         calibration = as_path(calibration, "calibration")
     spec = None if camera_spec is None else as_path(camera_spec, "camera_spec")

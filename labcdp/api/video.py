@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Literal, Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from xarray import Dataset
@@ -17,6 +17,7 @@ from ..core.result import html_table
 from ..evaluate.picture.converter import Converter
 from ..evaluate.video.evaluate import evaluate_parts
 from ..evaluate.video.settings import Progress, VideoSettings
+from ..files.transfer import Encoding
 from ..files.video.open import open_video as open_source
 from ..files.video.selection import Position, Selection
 from ..files.video.source import VideoSource
@@ -43,7 +44,7 @@ def open_video(
     *,
     calibration: PathArgument | AnyCalibration | None = None,
     camera_spec: PathArgument | None = None,
-    encoding: Literal["linear", "srgb"] | None = None,
+    encoding: Encoding | None = None,
     **stated: Unpack[StatedOfVideo],
 ) -> Video:
     """Open a video for evaluation.

@@ -23,6 +23,7 @@ from ..evaluate.picture.camera_specification import CameraSpecification
 from ..evaluate.sweep.maps.axes import check_map
 from ..files.raw import PlaneClipping, planes_of
 from ..files.read import picture_paths, read_picture
+from ..files.transfer import encoding_name
 from ..files.video.open import VIDEO_SUFFIXES, open_video
 from ..output import LIST_FILE
 from ..regions import load_regions, rois_of
@@ -261,7 +262,7 @@ def _picture(path: Path) -> Description:
     properties = {
         "size": "{1} x {0} pixels".format(*picture.shape),
         "values": "floats" if frame is None else f"{frame.bit_depth} bits, {frame.pixel_format}",
-        "encoding": picture.encoding,
+        "encoding": encoding_name(picture.encoding),
         "exposure": exposure_text(frame.exposure_s) if frame is not None and picture.exposure_known else "not stated",
         "camera": str(frame.camera) if frame is not None and picture.camera_stated else "not stated",
         **_notes(picture.findings),

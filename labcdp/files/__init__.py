@@ -2,6 +2,8 @@
 
 from typing import TYPE_CHECKING, Any
 
+from .companding import Companding
+from .companding_file import load_curve, shipped_curve, shipped_curves
 from .frame import IMAGE_SUFFIXES, FileFrame, frame_of_pixels, read_image
 from .picture import Picture, PictureOptions
 from .read import picture_paths, read_picture
@@ -11,14 +13,18 @@ if TYPE_CHECKING:
 
 __all__ = [
     "IMAGE_SUFFIXES",
+    "Companding",
     "FileFrame",
     "Picture",
     "PictureOptions",
     "frame_of_pixels",
+    "load_curve",
     "picture_paths",
     "read_image",
     "read_picture",
     "read_raw",
+    "shipped_curve",
+    "shipped_curves",
 ]
 
 

@@ -17,10 +17,11 @@ from ..core.frame import CameraIdentity, Frame
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, warning
 from ..core.vignetting import VIGNETTING_REL, Lens
+from .companding import Companding
 from .doubts import CERTAIN, Doubts
 from .statements import FileStatements
 from .stored_image import MAX_PIXELS
-from .transfer import Encoding
+from .transfer import Encoding, encoding_name
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,7 +238,25 @@ class PictureOptions:
             if value is not None and (isinstance(value, bool) or not isinstance(value, int | float | np.number)):
                 raise InputError(f"{name} is {shown(value)}: give a number")
         stated = {name: value for name, value in values.items() if value is not None}
-        return replace(self, **stated, overrides=self.overrides | stated.keys())
+        return replace(self, **stated, overrides=self.overrides | stated.keys())._with_curve()
+
+    def _with_curve(self) -> Self:
+        """Return them with bits, saturation and black level of the curve of companded values, if it is one."""
+        curve, bits = self.encoding, self.override("bit_depth")
+        if not isinstance(curve, Companding):
+            return self
+        if bits not in (None, curve.file_bits):
+            raise InputError(
+                f"the bit depth is {bits}, but the curve {curve.name} is for values of {curve.file_bits} bits: leave "
+                "the bit depth out, or correct bits and shift of the curve"
+            )
+        black_dn = self.override("black_level_dn")
+        return replace(
+            self,
+            bit_depth=curve.file_bits,
+            saturation_dn=curve.saturation_dn,
+            black_level_dn=curve.black_dn if black_dn is None else black_dn,
+        )
 
     @property
     def stated_bits(self) -> int | None:
@@ -248,7 +267,8 @@ class PictureOptions:
     @property
     def of_sensor(self) -> bool:
         """Whether grey values are said to be the DN of a sensor, which are in proportion to light."""
-        return bool(self.pixel_format or {"bayer", "black_level_dn"} & self.overrides)
+        by_curve = isinstance(self.encoding, Companding)
+        return bool(by_curve or self.pixel_format or {"bayer", "black_level_dn"} & self.overrides)
 
     def override(self, name: str) -> Any:
         """Return the value of an option that the user gave explicitly, else None."""
@@ -362,5 +382,7 @@ def with_overrides(
         given = {"given_width": given_size[0], "given_height": given_size[1]}
         findings.append(warning("size-ignored", **given, width=size[0], height=size[1]))
     if given_encoding not in (None, encoding):
-        findings.append(warning("encoding-ignored", given=given_encoding, encoding=encoding))
+        findings.append(
+            warning("encoding-ignored", given=encoding_name(given_encoding), encoding=encoding_name(encoding))
+        )
     return frame, tuple(findings)

@@ -22,6 +22,7 @@ from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
 from ..core.result import Finding, info, warning
 from ..core.vignetting import Lens
+from .companding import Companding
 from .doubts import BLACK_LEVEL, ENCODING, doubts_of, encodings, histogram_of
 from .frame import (
     IMAGE_SUFFIXES,
@@ -219,6 +220,8 @@ def _session_at(folder: Path, _changed_ns: int) -> tuple[Lens, frozenset[str]]:
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
     from .raw import read_raw
 
+    if isinstance(options.encoding, Companding):
+        raise InputError(f"{path} is a camera RAW, which states its curve itself: leave the encoding out")
     known = replace(options, exposure_s=options.exposure_s or NO_EXPOSURE_S)
     taken = read_raw(path, known, options.max_pixels)
     frame, findings = taken.frame, [*taken.findings]
@@ -233,6 +236,9 @@ def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
 def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -> Picture:
     """Make a picture of the values of a file and what it states."""
     values, statements = stored
+    curve = options.encoding if isinstance(options.encoding, Companding) else None
+    if curve is not None:
+        values = _codes(values, statements, curve, path)
     findings, table = [*statements.changes, *statements.findings], statements.light_table
     if options.encoding is not None:
         findings = [finding for finding in findings if finding.code not in _STATED]
@@ -306,6 +312,21 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
         guessed_by=guessed_by,
         doubts=doubts,
     )
+
+
+def _codes(
+    values: NDArray[Any], statements: FileStatements, curve: Companding, path: Path
+) -> NDArray[np.unsignedinteger[Any]]:
+    """Return the codes of companded values, without embedded rows; raises InputError if a file has none."""
+    if values.ndim != 2 or statements.bits is None:
+        what = "floats" if statements.bits is None else "colours"
+        raise InputError(f"{path} contains {what}, but {encoding_name(curve)} are grey codes of a sensor")
+    if curve.bits > 8 * values.dtype.itemsize:
+        raise InputError(
+            f"{path} has values of {8 * values.dtype.itemsize} bits, but {encoding_name(curve)} are codes of "
+            f"{curve.bits} bits: use the file as the camera recorded it"
+        )
+    return curve.image_rows(values)
 
 
 def _made(

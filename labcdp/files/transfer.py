@@ -10,10 +10,13 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .companding import Companding
+
 _Array: TypeAlias = NDArray[np.float64]
 #: How values are encoded: ``linear`` in proportion to light; ``srgb`` (IEC 61966-2-1), ``bt709``, ``pq``, ``hlg``,
-#: ``smpte240m``, ``smpte428``, ``log100``, ``log316`` by the curve of a standard; ``gamma 2.2`` by a power.
-Encoding: TypeAlias = str
+#: ``smpte240m``, ``smpte428``, ``log100``, ``log316`` by the curve of a standard; ``gamma 2.2`` by a power; or by the
+#: curve of a sensor.
+Encoding: TypeAlias = str | Companding
 _NAMES = {
     "srgb": "sRGB", "bt709": "BT.709", "pq": "PQ", "hlg": "HLG", "smpte240m": "SMPTE 240M",
     "smpte428": "SMPTE ST 428-1",
@@ -56,6 +59,8 @@ Weights: TypeAlias = tuple[float, float, float]
 
 def encoding_name(encoding: Encoding) -> str:
     """Return what findings and tables call an encoding."""
+    if isinstance(encoding, Companding):
+        return f"companded ({encoding.name})"
     return _NAMES.get(encoding, encoding)
 
 
@@ -71,6 +76,8 @@ def decoded(values: ArrayLike, encoding: Encoding) -> _Array:
     display) and table 5 (HLG, light of the scene), and ITU-T H.273, table 3, for the others.
     """
     v = np.asarray(values, dtype=np.float64)
+    if isinstance(encoding, Companding):
+        return encoding.linear(v * (2**encoding.file_bits - 1) / 2**encoding.shift) / encoding.scale
     power = _GAMMA.fullmatch(encoding)
     if power is not None:
         return np.asarray(v ** float(power[1]))
@@ -101,6 +108,8 @@ def decoded(values: ArrayLike, encoding: Encoding) -> _Array:
 
 def decoded_table(bits: int, encoding: Encoding) -> _Array:
     """Linear light, from 0 to 1, of each DN of a scale of `bits` bits; shape (2**bits,)."""
+    if isinstance(encoding, Companding):
+        return encoding.light(bits)
     return decoded(np.arange(2**bits) / (2**bits - 1), encoding)
 
 

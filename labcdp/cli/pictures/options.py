@@ -40,8 +40,9 @@ class LightOptions:
     camera_spec
         Camera specification (TOML, see labcdp init camera), for estimated values in cd/m².
     encoding
-        Encoding of the pixel values; default: as stated by the camera specification or the file, else assumed by the
-        values, with a warning.
+        Encoding of the pixel values: linear, srgb, or for companded data the curve of the sensor, by its name (AR0231,
+        AR0820, OX03C10) or a file in TOML; default: as stated by the camera specification or the file, else assumed by
+        the values, with a warning.
     exposure
         Exposure time, for example 5ms; default: as stated by each file.
     gain_db
@@ -66,7 +67,7 @@ class LightOptions:
 
     calibration: Path | None = None
     camera_spec: Path | None = None
-    encoding: Literal["linear", "srgb"] | None = None
+    encoding: str | None = None
     exposure: Seconds | None = None
     gain_db: float | None = None
     temperature: Temperature | None = None
@@ -97,7 +98,9 @@ class LightOptions:
 
     def inputs(self) -> list[InputFile]:
         """Return records of calibration and camera specification; raises InputError if one cannot be read."""
-        files = {"calibration": self.calibration, "camera specification": self.camera_spec}
+        is_file = self.encoding is not None and self.encoding.lower().endswith(".toml")
+        curve = Path(self.encoding) if self.encoding is not None and is_file else None
+        files = {"calibration": self.calibration, "camera specification": self.camera_spec, "curve": curve}
         return [InputFile.of(role, path) for role, path in files.items() if path is not None]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from os import PathLike
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import Field, field_validator, model_validator
 
@@ -11,6 +11,7 @@ from ...chain.optics import Optics, Windscreen
 from ...core.disk import read_toml
 from ...core.errors import InputError
 from ...core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
+from ...files.companding_file import as_encoding
 from ...session.tables import Format, Fraction, NotNegative, Number, Positive, Table, Text
 from ...session.validation import validated
 
@@ -51,7 +52,18 @@ class CameraSpecification(Table):
     reference_temperature_c: Number = Field(25.0, ge=-100, le=200, description="a temperature from -100 to 200 °C")
     doubling_temperature_c: Positive = Field(8.0, ge=1, le=100, description="a difference of 1 to 100 K")
     temperature_c: Number = Field(25.0, ge=-100, le=200, description="a sensor temperature from -100 to 200 °C")
-    encoding: Literal["linear", "srgb"] | None = Field(None, description='"linear" or "srgb"')
+    encoding: Text | None = Field(
+        None, description='"linear", "srgb", the name of a curve such as "AR0231", or of a file in TOML with one'
+    )
+
+    @field_validator("encoding")
+    @classmethod
+    def _known_encoding(cls, value: str | None) -> str | None:
+        try:
+            as_encoding(value)
+        except InputError as error:
+            raise ValueError(f"is {value!r}: {error}") from error
+        return value
 
     @field_validator("quantum_efficiency", mode="plain")
     @classmethod

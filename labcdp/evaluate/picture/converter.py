@@ -25,6 +25,8 @@ from ...core.vignetting import (
     unknown_vignetting,
     with_doubt,
 )
+from ...files.companding import Companding
+from ...files.companding_file import as_encoding
 from ...files.doubts import MOSAIC, Doubts, contrast_matters
 from ...files.frame import no_exposure
 from ...files.picture import Picture, PictureOptions
@@ -154,7 +156,7 @@ class Converter:
         if focal_length_m is None or pixel_pitch_m is None:
             return unknown_vignetting(shape, readout)
         assumed = Lens(focal_length_m, pixel_pitch_m, options.vignetting_rel).on(shape, readout)
-        is_developed = encoding != "linear" and not (given or self.specification)
+        is_developed = not (encoding == "linear" or isinstance(encoding, Companding) or given or self.specification)
         return with_doubt(assumed, shape) if is_developed else assumed
 
     def _map(
@@ -380,9 +382,12 @@ def _specification_findings(specification: CameraSpecification | None, picture: 
             findings.append(warning("f-number-differs", stated=stated, specified=specification.f_number))
         if specification.glare_fraction > 0 and frame.saturated.any():
             findings.append(warning("glare-underestimated"))
-    if picture.encoding != "linear":
+    curve = picture.encoding if isinstance(picture.encoding, Companding) else None
+    if curve is not None:
+        findings.append(info("codes-expanded", curve=curve.name, bits=curve.bits, top=curve.values[-1]))
+    elif picture.encoding != "linear":
         findings.append(warning("srgb-assumed"))
-    if specification is not None and not picture.coloured and frame.bit_depth != specification.adc_bits:
+    if specification is not None and not (picture.coloured or curve) and frame.bit_depth != specification.adc_bits:
         findings.append(info("bits-scaled", bits=frame.bit_depth, adc_bits=specification.adc_bits))
     if frame.colour_filter is not None:
         findings.append(info("green-pixels-only"))
@@ -416,8 +421,8 @@ def make_converter(
     ----------
     calibration, camera : Path, or a calibration, or None
         At most one of them.
-    encoding : {'linear', 'srgb'} or None
-        How values are encoded; None for what each file suggests, or the camera specification says.
+    encoding : {'linear', 'srgb'}, name or file of a curve, Companding, or None
+        How values are encoded, see `as_encoding`; None for what each file suggests, or the camera specification says.
     **stated
         What the user states about the pictures, None for nothing; see `PictureOptions.given`.
 
@@ -427,13 +432,15 @@ def make_converter(
         If both are given, one cannot be read, or an encoding is given in addition to a calibration, which has its own;
         or if something that is stated is not possible.
     """
+    encoding = as_encoding(encoding)
     options = PictureOptions().given(encoding=encoding)
     # Only where they are used: they take longer to load than a small picture to evaluate.
     if calibration is not None:
         if camera is not None:
             raise InputError("both a calibration and a camera specification are given: use one")
-        if encoding not in (None, "linear"):
-            raise InputError(f"the encoding is {encoding}: a calibration includes the encoding, leave it out")
+        if encoding is not None and encoding != "linear":
+            name = encoding_name(encoding)
+            raise InputError(f"the encoding is {name}: a calibration includes the encoding, leave it out")
         from ...calibration import load_any
 
         if isinstance(calibration, Path):
@@ -450,7 +457,7 @@ def make_converter(
         exposure_s=specification.exposure_s,
         gain_db=specification.gain_db,
         bit_depth=specification.adc_bits,
-        encoding=encoding or specification.encoding,
+        encoding=encoding or as_encoding(specification.encoding),
         focal_length_m=specification.image_distance_m,
         pixel_pitch_m=specification.pixel_pitch_m,
     )

@@ -14,6 +14,7 @@ from ...core.dn import look_up
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.vignetting import AssumedVignetting, Cos4Vignetting
+from ...files.companding import Companding
 from ...files.transfer import Encoding, decoded_table
 
 if TYPE_CHECKING:
@@ -274,9 +275,11 @@ def _specified(
     f_number: float | None,
     corrected: bool,
 ) -> LightTable:
-    top_dn = 2**camera.adc_bits - 1
     linear = decoded_table(bit_depth, encoding)
-    black_dn = top_dn * _black_in(linear, nominal_black_dn) if camera.black_dn is None else camera.black_dn
+    # Linear values of companded data are DN of the sensor, which has more bits than its codes, without black level.
+    top_dn = encoding.scale if isinstance(encoding, Companding) else 2.0**camera.adc_bits - 1
+    black_dn = None if isinstance(encoding, Companding) else camera.black_dn
+    black_dn = top_dn * _black_in(linear, nominal_black_dn) if black_dn is None else black_dn
     k_dn_per_e = camera.system_gain_dn_per_e(gain_db)
     dark_e = camera.dark_electrons(exposure_s, temperature_c)
     per_cd_m2 = camera.electrons_per_cd_m2_s(f_number) * exposure_s * camera.windscreen_transmittance
@@ -313,7 +316,7 @@ def _saturated(n: int, saturation_dn: float) -> NDArray[np.uint8]:
 
 
 def _proportional(
-    linear: NDArray[np.float64], zero_dn: float, top_dn: int, light_at_top: float, encoding: Encoding
+    linear: NDArray[np.float64], zero_dn: float, top_dn: float, light_at_top: float, encoding: Encoding
 ) -> NDArray[np.float64]:
     """Light by DN, 0 at `zero_dn` of a scale that ends at `top_dn` with this light above that of 0.
 

@@ -18,6 +18,8 @@ from ...core.disk.journal import Row
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, warning
 from ...core.roi import Roi
+from ...files.companding import Companding
+from ...files.companding_file import as_encoding
 from ...files.picture import OF_VALUES
 from ...files.video.selection import Selection
 from ...metrics import Epsilon
@@ -92,7 +94,7 @@ class VideoSettings:
     selection: Selection = field(default_factory=Selection)
     calibration: Path | None = None
     camera: Path | None = None
-    encoding: Literal["linear", "srgb"] | None = None
+    encoding: str | Companding | None = None
     image_size: tuple[int, int] | None = None
     exposure_s: float | None = None
     gain_db: float | None = None
@@ -248,7 +250,8 @@ def video_configuration(settings: VideoSettings, reference: VideoReference | Non
     stated: Any = settings.reference
     if reference is not None:
         stated = {"sha256": reference.sha256, "by": settings.reference_by}
-    as_they_are = ("encoding", "damaged", "cdp_limit")
+    as_they_are = ("damaged", "cdp_limit")
+    encoding = as_encoding(settings.encoding)
     return {
         "contrasts": None if settings.contrasts is None else list(settings.contrasts),
         "rois": [{"name": roi.name, "corners": [list(corner) for corner in roi.corners]} for roi in settings.rois],
@@ -258,6 +261,7 @@ def video_configuration(settings: VideoSettings, reference: VideoReference | Non
         "selection": settings.selection.to_dict(),
         "calibration_sha256": None if settings.calibration is None else _calibration_sha256(settings.calibration),
         "camera_sha256": None if settings.camera is None else InputFile.of("camera", settings.camera).sha256,
+        "encoding": asdict(encoding) if isinstance(encoding, Companding) else encoding,
         **{name: getattr(settings, name) for name in as_they_are},
         **({} if settings.requirement is None else {"requirement": settings.requirement.model_dump(mode="json")}),
         **settings.stated,

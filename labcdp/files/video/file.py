@@ -24,6 +24,7 @@ from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
 from ...core.result import warning
+from ..companding import Companding
 from ..doubts import doubts_of
 from ..frame import Scale, changed_at, frame_of_pixels, make_frame, scale_of
 from ..kinds import HEAD_BYTES, no_video
@@ -159,6 +160,11 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
             count = round((length_s or (container.duration or 0) / av.time_base) * rate)
         try:
             later = _spread(path, options.max_pixels, 1)
+            if isinstance(options.encoding, Companding):
+                raise InputError(
+                    "holds frames that a codec stored, in which labcdp does not look for companded codes: give the "
+                    "frames as a folder of pictures"
+                )
             known = options.encoding, options.of_sensor
             pixels, findings = learn_pixels(frames, later, stream.codec_context, *known)
         except InputError as error:

@@ -249,7 +249,8 @@ def learn_pixels(
     # FFmpeg calls all values of TIFF gamma 2.2, which it does not read from the file.
     code = UNSPECIFIED if codec.name == "tiff" else int(first.color_trc)
     of_frame = _stated_by_frame(first, coloured) if code == UNSPECIFIED else NOTHING_STATED
-    usual, other = "srgb", "linear" if lossless and coloured and kind == "rgb" else None
+    usual: Encoding = "srgb"
+    other: Encoding | None = "linear" if lossless and coloured and kind == "rgb" else None
     if lossless and not coloured and of_sensor:
         usual = "linear"
     elif lossless and not coloured:

@@ -1,0 +1,143 @@
+"""Companding: the piecewise linear (PWL) curve by which a sensor sends linear values of many bits in codes of few."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, log2
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..core.disk.files import shown
+from ..core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Companding:
+    """A piecewise linear curve from the codes of a file to linear values.
+
+    Between knees the curve is straight, and beyond the last one clipped: codes from there on are saturated. A sensor
+    adds its black level to the linear value, before it compresses it (`black_value`), or to the code (`black_code`).
+
+    Parameters
+    ----------
+    name : str
+        Name, for reports.
+    codes, values : tuple of float
+        The knees: codes and their linear values, both rising, at least two.
+    bits : int
+        Bits of a code, 1 to 16.
+    black_value : float
+        Linear value without light.
+    black_code : float
+        Code without light, if the black level is added behind the curve; knees are codes without it.
+    shift : int
+        Bits by which codes are shifted up in a file: 4 for 12 bits at the upper end of 16.
+    embedded_rows : (int, int)
+        Rows with data about the image above and below it, which are no pixels.
+
+    Raises
+    ------
+    InputError
+        If the knees do not rise, leave the range of the codes, or are fewer than two.
+
+    Examples
+    --------
+    >>> from labcdp.files import Companding
+    >>> curve = Companding("20 in 12 bits", (0, 2048, 3040, 4000), (0, 2048, 65536, 1048576), bits=12)
+    >>> curve.linear([2048, 3040, 3041]).tolist()
+    [2048.0, 65536.0, 66560.0]
+    """
+
+    name: str
+    codes: tuple[float, ...]
+    values: tuple[float, ...]
+    bits: int
+    black_value: float = 0.0
+    black_code: float = 0.0
+    shift: int = 0
+    embedded_rows: tuple[int, int] = (0, 0)
+
+    def __post_init__(self) -> None:
+        n, top = len(self.codes), 2**self.bits - 1
+        if n < 2 or len(self.values) != n:
+            raise InputError(
+                f"the curve {shown(self.name)} has {n} codes and {len(self.values)} values: give both of two knees or "
+                "more"
+            )
+        for what, knees in (("codes", self.codes), ("values", self.values)):
+            falls = np.flatnonzero(~(np.diff(knees) > 0))
+            if falls.size or not np.isfinite(knees).all():
+                at = int(falls[0]) if falls.size else 0
+                raise InputError(
+                    f"{what} of the curve {shown(self.name)} do not rise from {knees[at]:g} to {knees[at + 1]:g}: give "
+                    "them in rising order, each once"
+                )
+        if not (self.codes[0] == 0 and self.codes[-1] + self.black_code <= top):
+            raise InputError(
+                f"the curve {shown(self.name)} has codes from {self.codes[0]:g} to {self.codes[-1]:g}: give the first "
+                f"knee at code 0 and the last up to {top - self.black_code:g}, in {self.bits} bits"
+            )
+        if not 0 <= self.shift <= 16 - self.bits:
+            raise InputError(f"shift is {self.shift}: give 0 to {16 - self.bits} bits, as a file has 16 at most")
+
+    @property
+    def file_bits(self) -> int:
+        """Bits of the values of a file."""
+        return self.bits + self.shift
+
+    @property
+    def saturation_dn(self) -> float:
+        """Value of a file from which a pixel is saturated: that of the last knee."""
+        return float((self.codes[-1] + self.black_code) * 2**self.shift)
+
+    @property
+    def black_dn(self) -> float:
+        """Value of a file without light."""
+        return float((np.interp(self.black_value, self.values, self.codes) + self.black_code) * 2**self.shift)
+
+    @cached_property
+    def scale(self) -> float:
+        """Power of two that the linear values are divided by to lie in 0 to 1: they stay exact."""
+        return float(2 ** ceil(log2(self.values[-1] - self.black_value)))
+
+    def linear(self, codes: ArrayLike) -> NDArray[np.float64]:
+        """Linear values of codes, without the black level.
+
+        Parameters
+        ----------
+        codes : array_like
+            Codes, of any shape.
+        """
+        net = np.asarray(codes, dtype=np.float64) - self.black_code
+        slope = (self.values[1] - self.values[0]) / (self.codes[1] - self.codes[0])
+        values = np.interp(net, self.codes, self.values) + np.minimum(net, 0.0) * slope
+        return np.asarray(values - self.black_value, dtype=np.float64)
+
+    def code(self, values: ArrayLike) -> NDArray[np.uint16]:
+        """Codes of linear values as the sensor sends them, rounded to the nearest; the inverse of `linear`.
+
+        Parameters
+        ----------
+        values : array_like
+            Linear values without the black level, of any shape.
+        """
+        codes = np.interp(np.asarray(values, dtype=np.float64) + self.black_value, self.values, self.codes)
+        top = self.codes[-1] + self.black_code
+        return np.clip(np.rint(codes + self.black_code), 0, top).astype(np.uint16)
+
+    def light(self, bits: int) -> NDArray[np.float64]:
+        """Linear value of each DN of a file of `bits` bits, over `scale`; shape (2**bits,)."""
+        return self.linear(np.arange(2**bits) / 2.0**self.shift) / self.scale
+
+    def image_rows(self, values: NDArray[Any]) -> NDArray[Any]:
+        """Return the rows of an image without embedded ones; raises InputError if none is left."""
+        above, below = self.embedded_rows
+        if above + below >= len(values):
+            raise InputError(
+                f"the image has {len(values)} rows, of which the curve {shown(self.name)} takes {above} and {below} as "
+                "embedded data: correct embedded_rows"
+            )
+        return values[above : len(values) - below]

@@ -1,0 +1,88 @@
+"""Curves of companded data: those that ship with labcdp, and files in TOML."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from ..core.disk import read_toml
+from ..core.disk.files import shown
+from ..core.errors import ConfigurationError, InputError
+from ..session.tables import Format, Number, Table, Text, Whole
+from ..session.validation import validated
+from .companding import Companding
+from .transfer import Encoding
+
+_Knees = Annotated[tuple[Number, ...], Field(min_length=2, max_length=65536)]
+
+
+class _CurveFile(Table):
+    """Keys of the file, as of `Companding`."""
+
+    format: Format = Field(1, description="1, the format this labcdp knows, or update labcdp")
+    name: Text = Field(description="a name as text")
+    bits: Annotated[int, Field(strict=True, ge=1, le=16)] = Field(description="the bits of a code, 1 to 16")
+    codes: _Knees = Field(description="the codes of the knees, rising from 0")
+    values: _Knees = Field(description="the linear values of the knees, rising")
+    black_value: Number = Field(0.0, description="the linear value without light")
+    black_code: Annotated[Number, Field(ge=0)] = Field(0.0, description="a code of at least 0")
+    shift: Annotated[int, Field(strict=True, ge=0, le=15)] = Field(0, description="a shift of 0 to 15 bits")
+    embedded_rows: tuple[Whole, Whole] = Field((0, 0), description="rows above and below the image, [0, 0] for none")
+
+
+def load_curve(path: Path) -> Companding:
+    """Read a curve from TOML: name, bits, codes, values, and what else differs from its default.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, or is no curve.
+    """
+    content = validated(_CurveFile, read_toml(path, "a curve of companded data"), str(path)).model_dump(
+        exclude={"format"}
+    )
+    try:
+        return Companding(**content)
+    except InputError as error:
+        raise ConfigurationError(f"{path}: {error}") from error
+
+
+@lru_cache(maxsize=8)
+def shipped_curve(name: str) -> Companding:
+    """Return a curve that ships with labcdp, such as AR0231; raises InputError for another name."""
+    known = shipped_curves()
+    if name.upper() not in known:
+        raise InputError(f"there is no curve {shown(name)}: give one of {', '.join(known)}, or a file in TOML")
+    return load_curve(Path(str(files("labcdp").joinpath("data", "curves", f"{name.lower()}.toml"))))
+
+
+def shipped_curves() -> list[str]:
+    """Names of the curves that ship with labcdp."""
+    folder = files("labcdp").joinpath("data", "curves")
+    return sorted(file.name.removesuffix(".toml").upper() for file in folder.iterdir())
+
+
+def as_encoding(given: Encoding | None) -> Encoding | None:
+    """Return the encoding that a user means: linear, srgb, a curve's name, or that of a file in TOML.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if given in (None, "linear", "srgb") or isinstance(given, Companding):
+        return given
+    if not isinstance(given, str):
+        raise InputError(f"encoding is {shown(given)}: give text, or a curve")
+    if given.lower().endswith(".toml"):
+        return load_curve(Path(given))
+    if given.upper() in shipped_curves():
+        return shipped_curve(given)
+    raise InputError(
+        f"encoding is {shown(given)}: give linear, srgb, a curve ({', '.join(shipped_curves())}), or a file in TOML "
+        "with one"
+    )

@@ -1,0 +1,205 @@
+"""Companded data: each code of each curve, files as cameras write them, and what is refused."""
+
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+import labcdp
+from labcdp.core.errors import ConfigurationError, InputError
+from labcdp.core.luminance import Invalid
+from labcdp.files import Companding, load_curve, shipped_curve, shipped_curves
+from labcdp.regions import RectangleShape, save_regions
+
+AR0231 = shipped_curve("AR0231")
+BRIGHT, DARK = labcdp.Roi.rectangle("bright", 70, 10, 50, 40), labcdp.Roi.rectangle("dark", 10, 10, 50, 40)
+
+
+def expanded(code):
+    """AR0231 in whole numbers: slope 1 up to 2048, 64 up to 3040, 1024 above."""
+    if code <= 2048:
+        return code
+    return 2048 + 64 * (code - 2048) if code <= 3040 else 65536 + 1024 * (code - 3040)
+
+
+def scene(bright=180_000.0, dark=1500.0, seed=1):
+    """Linear values of two regions with the noise of photons, 20 bits."""
+    linear = np.full((60, 130), dark)
+    linear[:, 65:] = bright
+    return linear + np.sqrt(linear) * np.random.default_rng(seed).standard_normal(linear.shape)
+
+
+def file_of(folder, codes, name="codes.tif"):
+    tifffile.imwrite(folder / name, codes)
+    return folder / name
+
+
+@pytest.mark.parametrize("name", shipped_curves())
+def test_each_code_comes_back(name):
+    curve = shipped_curve(name)
+    codes = np.arange(int(curve.codes[-1]) + 1)
+    assert np.array_equal(curve.code(curve.linear(codes)), codes)
+    assert (np.diff(curve.linear(codes)) > 0).all()
+
+
+def test_all_codes_are_whole_numbers_and_stay_exact_through_a_file(tmp_path):
+    codes = np.arange(4000, dtype=np.uint16).reshape(40, 100)
+    luminance = labcdp.read_image(file_of(tmp_path, codes), encoding="ar0231").luminance
+    truth = np.array([expanded(code) for code in codes.ravel().tolist()]).reshape(codes.shape)
+    assert np.array_equal(np.asarray(luminance, dtype=float) * AR0231.scale, truth)
+
+
+def test_knees_of_the_published_curve_of_13_are_powers_of_two():
+    curve = shipped_curve("AR0820")
+    assert curve.linear([0x200, 0x800, 0x820, 0xBE0, 0xFA0]).tolist() == [2**9, 2**11, 2**12, 2**16, 2**20]
+
+
+def test_codes_from_the_last_knee_on_are_saturated_and_rounding_is_that_of_the_code(tmp_path):
+    codes = np.full((20, 40), 3999, np.uint16)
+    codes[:, 20:] = 4000
+    luminance = labcdp.read_image(file_of(tmp_path, codes), encoding="AR0231").luminance
+    assert not luminance.invalid[:, :20].any()
+    assert (luminance.invalid[:, 20:] == Invalid.SATURATED).all()
+    whole = slice(None), slice(0, 20)
+    assert np.asarray(luminance.dn_step_in(whole)) == pytest.approx(1024 / AR0231.scale)
+    dark = labcdp.read_image(file_of(tmp_path, codes // 4), encoding="AR0231").luminance
+    assert np.asarray(dark.dn_step_in(whole)) == pytest.approx(1 / AR0231.scale)
+
+
+@pytest.mark.parametrize("black", [{}, {"black_value": 168.0}, {"black_code": 42.0}])
+@pytest.mark.parametrize("shift", [0, 4])
+@pytest.mark.parametrize("rows", [(0, 0), (2, 3)])
+def test_black_level_alignment_and_embedded_rows_make_no_difference(tmp_path, black, shift, rows):
+    curve = replace(AR0231, codes=(0, 2048, 3040, 3900), values=(0, 2048, 65536, 946_176), **black)
+    linear = np.rint(scene())
+    stored = np.full((60 + sum(rows), 130), 7, np.uint16)
+    stored[rows[0] : rows[0] + 60] = curve.code(linear) << shift
+    image = labcdp.read_image(
+        file_of(tmp_path, stored), encoding=replace(curve, shift=shift, embedded_rows=rows), no_vignetting=True
+    )
+    assert image.luminance.shape == (60, 130)
+    found = np.asarray(image.luminance, dtype=float) * curve.scale
+    # Rounding of the code, and of a float32.
+    step = np.interp(linear, (2048, 2049, 65536, 65537), (1, 64, 64, 1024))
+    assert (np.abs(found - linear) <= 0.5 * step + 1e-6 * linear).all()
+
+
+def test_the_contrast_is_that_of_the_linear_values(tmp_path):
+    linear = scene(bright=40_000.0)
+    pair = [BRIGHT, DARK]
+    as_codes = labcdp.read_image(file_of(tmp_path, AR0231.code(linear)), encoding="AR0231", no_vignetting=True)
+    as_linear = labcdp.read_image(
+        file_of(tmp_path, np.rint(linear).astype(np.uint16), "linear.tif"), encoding="linear", bit_depth=16,
+        no_vignetting=True,
+    )  # fmt: skip
+    codes, values = (image.regions(pair).cdp([25.0, 40.0]) for image in (as_codes, as_linear))
+    u = codes["u_measured_contrast"].item()
+    assert codes["measured_contrast"].item() == pytest.approx(values["measured_contrast"].item(), abs=3 * u)
+    assert codes["cdp"].values.ravel() == pytest.approx(values["cdp"].values.ravel(), abs=0.01)
+    # Taken as proportional, the codes have another contrast by far.
+    raw = labcdp.read_image(tmp_path / "codes.tif", encoding="linear", bit_depth=12, no_vignetting=True)
+    assert raw.regions(pair).cdp(25.0)["measured_contrast"].item() < 1
+
+
+def test_command_line_folder_of_frames_and_camera_specification(tmp_path):
+    program = Path(sys.executable).with_name("labcdp")
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for number in range(3):
+        file_of(frames, AR0231.code(scene(seed=number)), f"{number}.tif")
+    save_regions(
+        tmp_path / "rois.json", [RectangleShape("bright", 70, 10, 50, 40), RectangleShape("dark", 10, 10, 50, 40)]
+    )
+    (tmp_path / "curve.toml").write_text(
+        'name = "mine"\nbits = 12\ncodes = [0, 2048, 3040, 4000]\nvalues = [0, 2048, 65536, 1048576]\n'
+    )
+    (tmp_path / "camera.toml").write_text(
+        'name = "series"\nadc_bits = 12\nexposure_s = 0.01\nquantum_efficiency = 0.5\npixel_pitch_m = 3e-6\n'
+        "f_number = 1.8\nk_dn_per_e = 1.0\nlens_transmittance = 0.9\nspectrum = \"D65\"\nencoding = \"AR0231\"\n"
+    )  # fmt: skip
+    asked = ("--roi", "rois.json", "--contrast", "11900%")
+    for command, *options in (
+        ("image", "frames/0.tif", *asked, "--encoding", "AR0231", "-o", "a"),
+        ("image", "frames/0.tif", *asked, "--encoding", "curve.toml", "-o", "b"),
+        ("image", "frames/0.tif", *asked, "--camera-spec", "camera.toml", "-o", "c"),
+        ("video", "frames", *asked, "--encoding", "AR0231", "--method", "fixed", "-o", "d"),
+    ):
+        done = subprocess.run([program, command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=600)
+        assert done.returncode == 0, done.stderr
+    contrasts = [
+        labcdp.read_dataset(tmp_path / "d" / "results.nc")["measured_contrast"].values[0].item(),
+        *(_contrast(tmp_path / name) for name in "abc"),
+    ]
+    assert contrasts == pytest.approx([119.0] * 4, rel=0.02)
+    assert contrasts[1] == contrasts[2]
+
+
+def _contrast(folder):
+    import json
+
+    return json.loads((folder / "results.json").read_text())["tables"]["cdp"]["rows"][0]["measured_contrast"]
+
+
+@pytest.mark.parametrize(
+    ("knees", "message"),
+    [
+        ({"codes": (0,), "values": (0,)}, "two knees or more"),
+        ({"codes": (0, 10, 5)}, "rising order"),
+        ({"values": (0, 10, 10)}, "rising order"),
+        ({"codes": (0, 10, 5000)}, "in 12 bits"),
+        ({"codes": (1, 10, 50)}, "first knee at code 0"),
+        ({"codes": (0, 10)}, "both of two knees"),
+        ({"shift": 5}, "give 0 to 4 bits"),
+        ({"values": (0, float("nan"), 20)}, "rising order"),
+    ],
+)
+def test_a_curve_that_is_none_is_refused_in_a_line(tmp_path, knees, message):
+    with pytest.raises(InputError, match=message) as raised:
+        Companding(**{"name": "bad", "codes": (0, 10, 20), "values": (0, 10, 100), "bits": 12, **knees})
+    assert len(str(raised.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name = 'x'\nbits = 12\ncodes = [0]\nvalues = [0]", "codes"),
+        ("name = 'x'\nbits = 12\ncodes = [0, 1]\nvalues = [0, 1]\nknees = 3", "knees is not a known key"),
+        ("name = 'x'\nbits = 17\ncodes = [0, 1]\nvalues = [0, 1]", "bits is 17"),
+        ("name = 'x'\nbits = 12\ncodes = [0, 'a']\nvalues = [0, 1]", "codes"),
+    ],
+)
+def test_a_file_of_a_curve_names_the_key(tmp_path, text, message):
+    (tmp_path / "curve.toml").write_text(text)
+    with pytest.raises(ConfigurationError, match=message) as raised:
+        load_curve(tmp_path / "curve.toml")
+    assert "curve.toml" in str(raised.value)
+
+
+def test_files_without_codes_are_refused(tmp_path):
+    colours, floats, bytes_ = (
+        file_of(tmp_path, values, name)
+        for values, name in (
+            (np.arange(1800, dtype=np.uint16).reshape(20, 30, 3), "colours.tif"),
+            (np.zeros((20, 30), np.float32), "floats.tif"),
+            (np.zeros((20, 30), np.uint8), "bytes.tif"),
+        )
+    )
+    for path, message in ((colours, "colours"), (floats, "floats"), (bytes_, "8 bits")):
+        with pytest.raises(InputError, match=message):
+            labcdp.read_image(path, encoding="AR0231")
+    codes = file_of(tmp_path, np.full((20, 30), 100, np.uint16))
+    for options, message in (
+        ({"encoding": "AR9999"}, "AR0231"),
+        ({"encoding": "AR0231", "bit_depth": 16}, "the curve AR0231 is for values of 12 bits"),
+        ({"encoding": replace(AR0231, embedded_rows=(10, 10))}, "embedded"),
+        ({"encoding": "missing.toml"}, "missing.toml"),
+    ):
+        with pytest.raises(InputError, match=message):
+            labcdp.read_image(codes, **options)
+    above = file_of(tmp_path, np.full((20, 30), 5000, np.uint16), "above.tif")
+    with pytest.raises(InputError, match="above 12 bits"):
+        labcdp.read_image(above, encoding="AR0231")

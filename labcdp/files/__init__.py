@@ -3,12 +3,12 @@
 from typing import TYPE_CHECKING, Any
 
 from .companding import Companding
-from .companding_file import load_curve, shipped_curve, shipped_curves
 from .frame import IMAGE_SUFFIXES, FileFrame, frame_of_pixels, read_image
 from .picture import Picture, PictureOptions
 from .read import picture_paths, read_picture
 
 if TYPE_CHECKING:
+    from .companding_file import load_curve, shipped_curve, shipped_curves
     from .raw import read_raw
 
 __all__ = [
@@ -29,9 +29,13 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # The reader of camera RAW is imported when it is used: most pictures do not need it.
+    # Readers that most pictures do not need are imported when they are used.
     if name == "read_raw":
         from .raw import read_raw
 
         return read_raw
+    if name in ("load_curve", "shipped_curve", "shipped_curves"):
+        from . import companding_file
+
+        return getattr(companding_file, name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

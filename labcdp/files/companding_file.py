@@ -15,7 +15,6 @@ from ..core.errors import ConfigurationError, InputError
 from ..session.tables import Format, Number, Table, Text, Whole
 from ..session.validation import validated
 from .companding import Companding
-from .transfer import Encoding
 
 _Knees = Annotated[tuple[Number, ...], Field(min_length=2, max_length=65536)]
 
@@ -66,23 +65,19 @@ def shipped_curves() -> list[str]:
     return sorted(file.name.removesuffix(".toml").upper() for file in folder.iterdir())
 
 
-def as_encoding(given: Encoding | None) -> Encoding | None:
-    """Return the encoding that a user means: linear, srgb, a curve's name, or that of a file in TOML.
+def curve_called(name: str) -> Companding:
+    """Return the curve of that name that ships with labcdp, or of that file in TOML.
 
     Raises
     ------
     InputError
-        If there is none of that name.
+        If there is none.
     """
-    if given in (None, "linear", "srgb") or isinstance(given, Companding):
-        return given
-    if not isinstance(given, str):
-        raise InputError(f"encoding is {shown(given)}: give text, or a curve")
-    if given.lower().endswith(".toml"):
-        return load_curve(Path(given))
-    if given.upper() in shipped_curves():
-        return shipped_curve(given)
+    if name.lower().endswith(".toml"):
+        return load_curve(Path(name))
+    if name.upper() in shipped_curves():
+        return shipped_curve(name)
     raise InputError(
-        f"encoding is {shown(given)}: give linear, srgb, a curve ({', '.join(shipped_curves())}), or a file in TOML "
+        f"encoding is {shown(name)}: give linear, srgb, a curve ({', '.join(shipped_curves())}), or a file in TOML "
         "with one"
     )

@@ -10,6 +10,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.disk.files import shown
+from ..core.errors import InputError
 from .companding import Companding
 
 _Array: TypeAlias = NDArray[np.float64]
@@ -62,6 +64,24 @@ def encoding_name(encoding: Encoding) -> str:
     if isinstance(encoding, Companding):
         return f"companded ({encoding.name})"
     return _NAMES.get(encoding, encoding)
+
+
+def as_encoding(given: Encoding | None) -> Encoding | None:
+    """Return the encoding that a user means: linear, srgb, a curve's name, or that of a file in TOML.
+
+    Raises
+    ------
+    InputError
+        If there is none of that name.
+    """
+    if given in (None, "linear", "srgb") or isinstance(given, Companding):
+        return given
+    if not isinstance(given, str):
+        raise InputError(f"encoding is {shown(given)}: give text, or a curve")
+    # Few pictures have one.
+    from .companding_file import curve_called
+
+    return curve_called(given)
 
 
 def gamma_encoding(exponent: float) -> Encoding:

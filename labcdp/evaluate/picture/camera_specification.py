@@ -11,7 +11,7 @@ from ...chain.optics import Optics, Windscreen
 from ...core.disk import read_toml
 from ...core.errors import InputError
 from ...core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
-from ...files.companding_file import as_encoding
+from ...files.transfer import as_encoding
 from ...session.tables import Format, Fraction, NotNegative, Number, Positive, Table, Text
 from ...session.validation import validated
 

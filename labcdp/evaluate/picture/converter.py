@@ -26,13 +26,12 @@ from ...core.vignetting import (
     with_doubt,
 )
 from ...files.companding import Companding
-from ...files.companding_file import as_encoding
 from ...files.doubts import MOSAIC, Doubts, contrast_matters
 from ...files.frame import no_exposure
 from ...files.picture import Picture, PictureOptions
 from ...files.read import read_otherwise
 from ...files.statements import NOTHING_STATED, FileStatements
-from ...files.transfer import Encoding, encoding_name
+from ...files.transfer import Encoding, as_encoding, encoding_name
 from ...metrics import weber_contrast
 from .light_table import AssumedVignettingMap, TableMap, make_light_table
 

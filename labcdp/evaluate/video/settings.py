@@ -19,8 +19,8 @@ from ...core.errors import InputError
 from ...core.result import Finding, InputFile, warning
 from ...core.roi import Roi
 from ...files.companding import Companding
-from ...files.companding_file import as_encoding
 from ...files.picture import OF_VALUES
+from ...files.transfer import as_encoding
 from ...files.video.selection import Selection
 from ...metrics import Epsilon
 from ...metrics.contrast import checked_contrast

@@ -30,6 +30,8 @@ _NAME_SIZE, _CHARACTER = 12.0, (0.6, 1.3)
 _IN_REGION: dict[str, Any] = {"fontsize": _NAME_SIZE, "ha": "center", "va": "center"}
 #: Height of a line of the legend; width of a small picture, in inches, and its margin around regions over their extent.
 _LEGEND_IN, _CLOSE_IN, _MARGIN = 0.3, 3.2, 0.08
+#: Characters of the longest text of a legend in two columns.
+_LEGEND_COLUMN = 48
 
 
 def image_figure(
@@ -200,7 +202,9 @@ def luminance_picture(
     from matplotlib.patches import Patch
 
     reasons = _reasons(luminance, range_cd_m2[0])
-    figure = image_figure(luminance, title, simulated, below_in=_LEGEND_IN * ceil(len(reasons) / 2))
+    texts = [f"{name}: {share_percent(float(mask.mean()))} of the pixels" for name, mask in reasons.items()]
+    ncols = 2 if all(len(text) <= _LEGEND_COLUMN for text in texts) else 1
+    figure = image_figure(luminance, title, simulated, below_in=_LEGEND_IN * ceil(len(texts) / ncols))
     _show(figure, luminance, (0.9 * range_cd_m2[0], 1.1 * range_cd_m2[1]), "viridis", linear)
     if reasons:
         side = drawing.reduction(luminance.shape)
@@ -213,8 +217,7 @@ def luminance_picture(
         overlay[np.sum(weights, axis=0) < 0.5] = 0.0
         figure.axes[0].imshow(overlay, extent=image_extent(luminance), interpolation="nearest")
         patches = [Patch(facecolor=_COLOURS[name], edgecolor="black", linewidth=0.6) for name in reasons]
-        texts = [f"{name}: {share_percent(float(mask.mean()))} of the pixels" for name, mask in reasons.items()]
-        drawing.add_legend(figure, patches, texts, loc="lower center", ncols=2)
+        drawing.add_legend(figure, patches, texts, loc="lower center", ncols=ncols)
     return drawing.png(figure)
 
 

@@ -31,6 +31,8 @@ _MOST_PANELS = 6
 #: Columns, width and height of panels, and margins around them, at the top for a note and at the bottom for the legend,
 #: in inches.
 _COLUMNS, _PANEL_IN, _AROUND_IN, _NOTE_IN, _LEGEND_IN = 2, (4.1, 2.3), (0.75, 0.95), 0.25, 0.5
+#: Entries of the legend, and height of each further row of them.
+_ENTRIES, _LEGEND_ROW_IN = 5, 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +86,10 @@ def _draw(panels: Sequence[ContrastPanel], simulated: str) -> bytes:
     rows, columns = ceil(len(panels) / _COLUMNS), min(len(panels), _COLUMNS)
     cell = (_PANEL_IN[0] + _AROUND_IN[0], _PANEL_IN[1] + _AROUND_IN[1])
     above = _NOTE_IN if simulated else 0.0
-    width, height = columns * cell[0] + 0.15, above + rows * cell[1] + _LEGEND_IN
+    # Two legend entries fit under one panel.
+    ncols = _ENTRIES if columns > 1 else 2
+    below = _LEGEND_IN + _LEGEND_ROW_IN * (ceil(_ENTRIES / ncols) - 1)
+    width, height = columns * cell[0] + 0.15, above + rows * cell[1] + below
     figure = drawing.placed_figure(width, height, simulated)
     for number, panel in enumerate(panels):
         left = (number % columns) * cell[0] + _AROUND_IN[0] - 0.1
@@ -92,8 +97,6 @@ def _draw(panels: Sequence[ContrastPanel], simulated: str) -> bytes:
         axes_box = (left / width, bottom / height, _PANEL_IN[0] / width, _PANEL_IN[1] / height)
         _draw_panel(figure.add_axes(axes_box), panel)
     legend = {text: line for axes in figure.axes for line, text in zip(*axes.get_legend_handles_labels(), strict=True)}
-    # Two legend entries fit under one panel.
-    ncols = 5 if columns > 1 else 2
     drawing.add_legend(figure, list(legend.values()), list(legend), loc="lower center", ncols=ncols, frameon=False)
     return drawing.png(figure)
 

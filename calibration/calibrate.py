@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import platform
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from importlib.metadata import version
@@ -17,7 +17,7 @@ from ..core.errors import CalibrationError
 from ..core.result import Finding, log_findings
 from ..core.vignetting import AnyVignetting
 from .camera import INTERCEPT, VIGNETTING
-from .convert.patch import patch_luminance
+from .convert.patch import PatchLuminance, patch_luminance
 from .exposure_times import ExposureTimes
 from .fit import checks
 from .fit.assumed_vignetting import seen_vignetting, vignetting_after, with_wider_vignetting
@@ -28,13 +28,14 @@ from .fit.effects import FREE
 from .fit.exposures import NO_MODEL, with_times
 from .fit.intake import Intake, take_in, take_usable
 from .fit.problem import Solution, solve
-from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, next_response_error
+from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, measured_rows, next_response_error
 from .fit.scatter import fit_dof, patch_scatter, with_scatter
 from .fit.selection import ModelSelection, select, select_model, with_effects
 from .fit_records import FitTest, ResponsivityFit, summarised
 from .frames.defects import DefectMap
-from .frames.observations import DarkObservation, PatchObservation
+from .frames.observations import DarkObservation, Groups, PatchObservation
 from .model import Calibration, luminance_range
+from .readings import combine_patches
 from .sensor.dark_library import DarkLibrary
 from .sensor.noise import GainSetting
 from .sensor.response import ResponseCurve
@@ -107,11 +108,18 @@ def fit(
     calibration = replace(fitted, defects=defects, dark_library=dark_library)
     held = {name: group for name, group in intake.groups.items() if name in held_out}
     centres_px = {name: group[0].centre_px for name, group in held.items()}
-    own = calibration.at_their_temperature()
-    rows, of_held_out = held_out_rows(lambda name: patch_luminance(own, held[name]), centres_px, readings)
+    measure = _measure(calibration, held)
+    rows, of_held_out = held_out_rows(measure, centres_px, readings)
+    rows = measured_rows(rows, measure, combine_patches(readings)[0], calibration.meter_scale)
     findings = [*intake.findings, *findings, *of_held_out, *useless_calibration_findings(calibration)]
     log_findings(_log, findings)
     return replace(calibration, held_out=rows, findings=summarised(findings))
+
+
+def _measure(calibration: Calibration, groups: Groups) -> Callable[[str], PatchLuminance]:
+    """Return what gives the luminance of a patch by the calibration; may raise CalibrationError."""
+    in_use = calibration.at_their_temperature()
+    return lambda patch: patch_luminance(in_use, groups[patch])
 
 
 def _fitted(
@@ -171,7 +179,7 @@ def _fitted_if_possible(
         *checks.effect_findings(selection, seen.vignetting),
         *fit_findings(final, tests),
     ]
-    return Calibration(
+    calibration = Calibration(
         state=seen.state,
         lens=setup.lens,
         source_spectrum=setup.source_spectrum,
@@ -201,7 +209,10 @@ def _fitted_if_possible(
         provenance=Provenance(
             measured, setup.input_sha256, dict(_versions()), setup.sessions_sha256, setup.frames_sha256
         ),
-    ), findings
+    )
+    measure = _measure(calibration, intake.groups)
+    rows = measured_rows(residuals, measure, combine_patches(readings)[0], scale)
+    return replace(calibration, residuals=rows, range_cd_m2=luminance_range(rows, deviating)), findings
 
 
 def _final(

@@ -277,7 +277,7 @@ def common_errors(
     scale, times = calibration.meter_scale, calibration.exposure_times
     jitter_rel = exposure_time_rel(exposure_s, calibration.exposure_jitter_s)
     errors = [
-        CommonError("meter scale", scale.standard_uncertainty_rel, scale.certificate is None, scale.degrees_of_freedom),
+        CommonError("meter scale", scale.u_rel, scale.certificate is None, scale.degrees_of_freedom),
         *(
             CommonError(source, part, rectangular=True)
             for source, part in zip(METER_SOURCES[1:], scale.rectangular_rel[1:], strict=True)

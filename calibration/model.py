@@ -16,10 +16,11 @@ from ..core.result import Finding, html_table, number
 from ..core.spectra import Source, SpectralTable
 from .camera import CalibratedCamera
 from .convert.conversion import to_luminance
+from .convert.patch import PatchLuminance
 from .fit_records import FitTest, LeftOut, ModelStep
 from .frames.observations import CameraState
 from .readings import MeasuredPatch, PatchReading
-from .setup import Provenance
+from .setup import MeterScale, Provenance
 from .uncertainty import variance_from_one_estimate
 
 #: What a camera sees of a patch: its luminance, by some exposures.
@@ -28,12 +29,14 @@ Seen: TypeAlias = tuple[float, tuple[float, ...]]
 
 @dataclass(frozen=True)
 class PatchResidual(MeasuredPatch):
-    """One row of the residual table.
+    """One row of the table of a calibration's patches.
+
+    Its luminance is that by the finished calibration, as of `patch_luminance`; the residuals are statistics of the fit.
 
     Parameters
     ----------
     residual_rel : float
-        Relative deviation of the camera from the meter.
+        Relative deviation of the fit from the meter; of a held-out patch, that of the camera.
     standardised_residual : float
         Residual over its standard deviation by the stated errors.
     centre_px : (float, float)
@@ -41,12 +44,28 @@ class PatchResidual(MeasuredPatch):
     leave_one_out_rel : float or None
         Camera over meter, minus 1, by a fit without this patch; for a held-out patch the same as `residual_rel`; None
         if the other patches do not suffice for a fit.
+    u_rel, U_rel, dof : float or None
+        Relative standard uncertainty of the luminance by the camera, its U (95 %), and effective degrees of freedom.
+        None in files of labcdp 0.2.0, whose luminance is that of the fit; infinite degrees of freedom are None, too.
     """
 
     residual_rel: float
     standardised_residual: float
     centre_px: tuple[float, float]
     leave_one_out_rel: float | None
+    u_rel: float | None = None
+    U_rel: float | None = None
+    dof: float | None = None
+
+    @property
+    def deviation_rel(self) -> float:
+        """Relative deviation of the camera from the meter."""
+        return self.luminance_cd_m2 / self.reading_cd_m2 - 1
+
+    @property
+    def k(self) -> float | None:
+        """Coverage factor, U over u."""
+        return self.U_rel / self.u_rel if self.U_rel is not None and self.u_rel else None
 
     @property
     def stated_rel(self) -> float:
@@ -60,6 +79,20 @@ class PatchResidual(MeasuredPatch):
         """Row of a reading and of what the camera saw; `stated_rel` is over the reading, `without` by other patches."""
         deviation = seen[0] / reading.luminance_cd_m2 - 1
         return cls.of(reading, *seen, deviation, deviation / stated_rel, centre_px, without)
+
+    def measured(self, seen: PatchLuminance, reading: PatchReading, meter: MeterScale) -> PatchResidual:
+        """Return it with the luminance by the finished calibration, and with U of camera and meter."""
+        return replace(
+            self,
+            reading_cd_m2=reading.luminance_cd_m2,
+            reading_random_cd_m2=reading.random_cd_m2,
+            reading_U_rel=reading.U_rel(meter),
+            luminance_cd_m2=seen.luminance_cd_m2,
+            exposures_s=seen.exposures_s,
+            u_rel=seen.u_rel,
+            U_rel=seen.U_rel,
+            dof=None if seen.dof == inf else seen.dof,
+        )
 
 
 def luminance_range(rows: Sequence[PatchResidual], misread: Collection[str] = ()) -> tuple[float, float]:

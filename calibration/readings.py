@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timedelta
 from math import inf, sqrt
 from typing import Any, Self
@@ -15,8 +15,14 @@ from ..core.errors import CalibrationError
 from ..core.reading import CD_M2_PER_FL, Reading
 from ..core.result import Finding, FindingValue, info, warning
 from .fit_records import LeftOut
-from .setup import require_one_correction
-from .uncertainty import effective_dof, expanded_uncertainty, p_value_of_chi_squared, variance_from_one_estimate
+from .setup import MeterScale, require_one_correction
+from .uncertainty import (
+    effective_dof,
+    expanded_rel,
+    expanded_uncertainty,
+    p_value_of_chi_squared,
+    variance_from_one_estimate,
+)
 
 #: p-values of the scatter below which a patch itself has changed, by chance as rarely in one of ten as three standard
 #: deviations of one are exceeded, and below which all readings scatter more than stated.
@@ -59,9 +65,18 @@ class PatchReading:
     of_all: bool = False
 
     @property
+    def random_rel(self) -> float:
+        """Relative standard uncertainty without the meter's scale."""
+        return self.random_cd_m2 / self.luminance_cd_m2
+
+    @property
     def variance_rel(self) -> float:
         """Square of the relative random uncertainty."""
-        return (self.random_cd_m2 / self.luminance_cd_m2) ** 2
+        return self.random_rel**2
+
+    def U_rel(self, meter: MeterScale) -> float:  # noqa: N802 - the symbol of the GUM
+        """Return the relative expanded uncertainty U (95 %), the scale error of the meter included."""
+        return expanded_rel([meter], self.random_rel, self.dof)
 
     def scaled(self, factor: float) -> PatchReading:
         """Return the reading of a part of the patch that is brighter by a factor."""
@@ -85,6 +100,8 @@ class MeasuredPatch:
         From the calibrated camera.
     exposures_s : tuple of float
         Exposures that were used.
+    reading_U_rel : float or None
+        Relative U (95 %) of the reading, the meter's scale error included; None in files of labcdp 0.2.0.
     """
 
     patch: str
@@ -93,6 +110,7 @@ class MeasuredPatch:
     n_readings: int
     luminance_cd_m2: float
     exposures_s: tuple[float, ...]
+    reading_U_rel: float | None = field(default=None, kw_only=True)  # noqa: N815 - the symbol of the GUM
 
     @classmethod
     def of(cls, reading: PatchReading, *own: Any, **named: Any) -> Self:

@@ -81,7 +81,7 @@ class MeterScale:
         return 0.0 if self.certificate is None else self.certificate.standard_uncertainty_rel
 
     @property
-    def standard_uncertainty_rel(self) -> float:
+    def u_rel(self) -> float:
         """Relative standard uncertainty of the scale, without mismatch."""
         return hypot(self.half_width_rel / sqrt(3), self.normal_rel)
 

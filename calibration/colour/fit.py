@@ -16,15 +16,17 @@ from ...core.reading import Reading
 from ...core.result import Finding, info, log_findings, warning
 from ...core.spectra import SpectralTable, f1_prime, weighted_sum
 from ..calibrate import fit
+from ..convert.patch import PatchLuminance
 from ..fit.intake import group_by_patch
-from ..fit.residuals import finite, held_out_rows
+from ..fit.residuals import finite, held_out_rows, measured_rows
 from ..fit_records import LeftOut, summarised
 from ..frames.defects import DefectMap
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration, luminance_range
+from ..readings import combine_patches
 from ..sensor.dark_fit import as_rows
 from ..sensor.dark_library import DarkLibrary
-from ..setup import Setup
+from ..setup import Setup, meter_scale
 from ..tolerance import useless_calibration_findings
 from .conversion import COLOURS, ByPlane, colour_patch_luminance, colours_of_planes
 from .model import ColourCalibration, CombinationStep
@@ -96,11 +98,18 @@ def fit_colour(
     chosen = _choose(data, prior)
     calibration = _assembled(planes, patches, chosen, scatter, scaled, left_out)
     in_use = calibration.at_their_temperature()
-    held, of_held_out = held_out_rows(
-        lambda name: colour_patch_luminance(in_use, groups[name]),
-        {name: centre_px(group) for name, group in groups.items() if name in held_out},
-        readings,
-    )
+
+    def measure(patch: str) -> PatchLuminance:
+        return colour_patch_luminance(in_use, groups[patch])
+
+    by_meter = combine_patches(readings)[0]
+    meter = meter_scale(readings, setup.certificate, setup.meter_f1_prime, setup.source_spectrum)
+    rows = measured_rows(calibration.residuals, measure, by_meter, meter)
+    calibration = replace(calibration, residuals=rows, range_cd_m2=luminance_range(rows))
+    in_use = replace(in_use, range_cd_m2=calibration.range_cd_m2)
+    centres_px = {name: centre_px(group) for name, group in groups.items() if name in held_out}
+    held, of_held_out = held_out_rows(measure, centres_px, readings)
+    held = measured_rows(held, measure, by_meter, meter)
     findings += [*_plane_findings(planes), *of_patches, *of_prior]
     findings += [*_findings(chosen[0], patches, prior, scaled is not None), *of_held_out]
     findings += useless_calibration_findings(calibration)

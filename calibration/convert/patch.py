@@ -18,7 +18,7 @@ from ..frames.nonuniformity import vignetting_errors
 from ..frames.observations import PatchObservation
 from ..setup import METER_SOURCES
 from ..signal import NetSignals, left_out_text, net_signals, temperature_findings, usable
-from ..uncertainty import SMALL_EFFECT_REL, expanded_uncertainty, variance_from_one_estimate
+from ..uncertainty import SMALL_EFFECT_REL, effective_dof, expanded_uncertainty, variance_from_one_estimate
 
 #: Fraction of the calibrated signal range by which a signal may exceed it without a finding.
 _RANGE_MARGIN = 0.05
@@ -59,7 +59,7 @@ class PatchLuminance:
     --------
     >>> from labcdp.calibration import PatchLuminance
     >>> patch = PatchLuminance("a", 20.0, random_rel=0.01, common=(), exposures_s=(0.01,), findings=())
-    >>> round(patch.half_width_95_rel, 4)
+    >>> round(patch.U_rel, 4)
     0.0196
     """
 
@@ -84,22 +84,33 @@ class PatchLuminance:
         return sqrt(sum(float(e.relative) ** 2 for e in self.common))
 
     @property
-    def standard_uncertainty_rel(self) -> float:
+    def u_rel(self) -> float:
         """Relative standard uncertainty by all errors."""
         return hypot(self.random_rel, self.common_rel)
 
     @property
-    def half_width_95_rel(self) -> float:
+    def U_rel(self) -> float:  # noqa: N802 - the symbol of the GUM
         """Relative expanded uncertainty U (95 %), as `expanded_uncertainty`."""
-        normal = [e for e in self.common if not e.rectangular]
-        rectangular = (float(e.relative) for e in self.common if e.rectangular)
-        return expanded_uncertainty(_parts([self], normal), rectangular)
+        return expanded_uncertainty(self._normal, self._rectangular)
+
+    @property
+    def dof(self) -> float:
+        """Effective degrees of freedom of `u_rel` (JCGM 100:2008, G.4.1); infinite where few values play no part."""
+        return effective_dof([*self._normal, *((u**2, inf) for u in self._rectangular)])
 
     @property
     def interval_95_cd_m2(self) -> tuple[float, float]:
         """Ends of the 95 % interval."""
-        half_width = self.half_width_95_rel * self.luminance_cd_m2
+        half_width = self.U_rel * self.luminance_cd_m2
         return self.luminance_cd_m2 - half_width, self.luminance_cd_m2 + half_width
+
+    @property
+    def _normal(self) -> list[tuple[float, float]]:
+        return _parts([self], [error for error in self.common if not error.rectangular])
+
+    @property
+    def _rectangular(self) -> list[float]:
+        return [float(error.relative) for error in self.common if error.rectangular]
 
 
 def patch_luminance(calibration: CalibratedCamera, observations: Sequence[PatchObservation]) -> PatchLuminance:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from math import hypot, inf, sqrt
 
@@ -15,8 +16,8 @@ from ..convert.patch import PatchLuminance
 from ..fit_records import FitError
 from ..frames.observations import Groups
 from ..model import PatchResidual
-from ..readings import combine_readings
-from ..setup import Readings
+from ..readings import PatchReading, combine_readings
+from ..setup import MeterScale, Readings
 from .candidates import CandidateModel
 from .design import Array
 from .problem import Solution, solutions
@@ -28,7 +29,7 @@ _N_NODES = 96
 
 
 def fitted_rows(solution: Solution, groups: Groups, moved: Array | float) -> tuple[PatchResidual, ...]:
-    """One row for each patch of the fit.
+    """One row for each patch of the fit, with the luminance by the fit.
 
     Parameters
     ----------
@@ -87,6 +88,33 @@ def held_out_rows(
         of_camera = seen.luminance_cd_m2, seen.exposures_s
         rows.append(PatchResidual.compared(reading, of_camera, stated, centre_px, ratio - 1))
     return tuple(rows), findings
+
+
+def measured_rows(
+    rows: Sequence[PatchResidual],
+    measure: Callable[[str], PatchLuminance],
+    readings: Mapping[str, PatchReading],
+    meter: MeterScale,
+) -> tuple[PatchResidual, ...]:
+    """Return rows with the luminances of the patches by the finished calibration, as a report of the session has them.
+
+    Parameters
+    ----------
+    rows : sequence of PatchResidual
+        Fitted and held-out patches.
+    measure : callable
+        Returns the luminance of a patch by the calibration; a patch for which it raises CalibrationError, as colours
+        may cancel, keeps that of the fit.
+    readings : mapping of str to PatchReading
+        All patches by the meter, from `combine_patches`.
+    meter : MeterScale
+        The meter.
+    """
+    measured = list(rows)
+    for n, row in enumerate(rows):
+        with suppress(CalibrationError):
+            measured[n] = row.measured(measure(row.patch), readings[row.patch], meter)
+    return tuple(measured)
 
 
 def fit_errors(solution: Solution, of_vignetting: float = 1.0) -> tuple[FitError, ...]:

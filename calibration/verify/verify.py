@@ -246,6 +246,7 @@ class _Comparison:
                 self.read[s.patch],
                 s.luminance_cd_m2,
                 s.exposures_s,
+                reading_U_rel=self.read[s.patch].U_rel(self.meter),
                 deviation_rel=deviation,
                 standard_uncertainty_rel=hypot(u, of_scales),
                 expanded_rel=expanded_with_scales(self.scales, [*measured, *calibrated]),

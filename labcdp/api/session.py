@@ -200,5 +200,5 @@ class CalibratedSession:
     def _repr_html_(self) -> str:
         """Table for notebooks."""
         residuals = self.calibration.residuals
-        rows = [(row.patch, f"{100 * row.residual_rel:+.2f} %") for row in residuals]
+        rows = [(row.patch, f"{100 * row.deviation_rel:+.2f} %") for row in residuals]
         return html_table(("patch", "camera from meter"), rows, repr(self)[1:-1])

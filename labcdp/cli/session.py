@@ -19,7 +19,7 @@ from ..core.errors import InputError, SessionError
 from ..core.result import InputFile, Result
 from ..evaluate.bench.calibrate import calibrate_recorded
 from ..evaluate.bench.calibration_page import calibration_files
-from ..evaluate.bench.calibration_result import calibration_result, patch_budgets
+from ..evaluate.bench.calibration_result import calibration_result
 from ..evaluate.bench.certificate import calibration_certificate
 from ..evaluate.bench.corrections import UniformLight, require_same_optics
 from ..evaluate.bench.kept import OBSERVATIONS, keep_observations
@@ -203,11 +203,10 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         keep_observations(observed, folder.path(OBSERVATIONS))
         inputs = [session_input(opened), *(session_input(Session.open(path)) for path in more)]
         options = {"output": str(folder.folder), **fit.configuration()}
-        budgets = patch_budgets(calibration)
-        result = calibration_result(calibration, opened.configuration.name, inputs, options, budgets)
-        written = folder.add(calibration_files(calibration, budgets, result))
+        result = calibration_result(calibration, opened.configuration.name, inputs, options)
+        written = folder.add(calibration_files(calibration, result))
         saved = SavedFile.of(folder.path(path.name))
-        certified = calibration_certificate(observed[0], calibration, budgets, saved)
+        certified = calibration_certificate(observed[0], calibration, saved)
         written += folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
     chosen = "" if results.output is None else f" --calibration {shell_word(path)}"
     following = (

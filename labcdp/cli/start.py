@@ -19,7 +19,7 @@ from ..drivers.simulated.bench import SimulatedBench
 from ..drivers.simulated.devices import SimulatedBenchFile
 from ..evaluate.bench.calibrate import calibrate_session
 from ..evaluate.bench.calibration_page import calibration_files
-from ..evaluate.bench.calibration_result import calibration_result, patch_budgets
+from ..evaluate.bench.calibration_result import calibration_result
 from ..evaluate.bench.observe import observe_session
 from ..evaluate.bench.session import evaluate_session
 from ..evaluate.bench.session_page import session_files
@@ -73,10 +73,9 @@ def demonstrate(
         largest_rel = max(map(abs, truth["error_rel"]))
         compared = info("simulated-luminance", largest_rel=largest_rel, meter_scale_rel=specimens.meter.scale_rel)
         result = replace(result, tables=(*result.tables, truth), findings=(*result.findings, compared))
-        budgets = patch_budgets(calibration)
-        of_calibration = calibration_result(calibration, configuration.name, inputs, budgets=budgets)
+        of_calibration = calibration_result(calibration, configuration.name, inputs)
         written = [
-            *results.add(calibration_files(calibration, budgets, of_calibration)),
+            *results.add(calibration_files(calibration, of_calibration)),
             *results.add(session_files(evaluation, result)),
         ]
         bars.set("evaluating", 3, 3)

@@ -42,7 +42,7 @@ def test_rows_make_the_uncertainty_of_a_patch(calibration, camera, luminance, al
     whole = budget(calibration, luminance, exposure_s, *SIZE)
     # The budget takes K from photon transfer and the luminance as given; both within a part in a thousand.
     assert whole.u_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=2e-3)
-    assert whole.U_rel == pytest.approx(patch.half_width_95_rel, rel=2e-3)
+    assert whole.U_rel == pytest.approx(patch.U_rel, rel=2e-3)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_rows_in_the_corner_are_those_of_a_patch_there(calibration, camera, vign
     assert patch.luminance_cd_m2 == pytest.approx(8.0, rel=0.01)
     whole = budget(calibration, 8.0, exposure_s, *SIZE, position_px=corner)
     assert whole.u_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=5e-3)
-    assert whole.U_rel == pytest.approx(patch.half_width_95_rel, rel=5e-3)
+    assert whole.U_rel == pytest.approx(patch.U_rel, rel=5e-3)
     if isinstance(vignetting, Cos4Vignetting):
         assert whole.u_rel > vignetting.corner_rel
 

@@ -59,8 +59,8 @@ def test_the_dark_signal_is_that_of_the_session(calibration, dark_s, rate_dn_s):
         assert there.dark.mean_dn(t) == pytest.approx(camera.mean_dn(0.0, t), abs=4 * u_dn + 1e-9)
         assert u_dn < 0.2
     assert found["dark-changed"].values["difference_dn"] == pytest.approx(5, abs=1 + (rate_dn_s - 40) * EXPOSURES_S[-1])
-    assert seen.luminance_cd_m2 == pytest.approx(20, rel=3 * seen.half_width_95_rel / 1.96)
-    assert seen.half_width_95_rel < 0.03
+    assert seen.luminance_cd_m2 == pytest.approx(20, rel=3 * seen.U_rel / 1.96)
+    assert seen.U_rel < 0.03
 
 
 def test_stated_uncertainties_hold_for_black_levels_of_sessions(setup):
@@ -93,7 +93,7 @@ def test_the_flicker_is_that_of_the_session_at_each_exposure(calibration):
     for size, true in zip(shown, camera.flicker_rel, strict=True):
         # Standard deviations of four frames.
         assert true / 5 < size < 3 * true
-    assert abs(seen.luminance_cd_m2 / 20 - 1) < seen.half_width_95_rel
+    assert abs(seen.luminance_cd_m2 / 20 - 1) < seen.U_rel
 
 
 def test_a_steady_light_after_a_flickering_one_is_as_sure_as_ever(setup):
@@ -123,10 +123,10 @@ def test_exposures_that_disagree_in_all_frames_are_named_and_uncertain(calibrati
     )
     # A bright patch is seen at the shortest exposure only.
     seen = patch_luminance(there, [LockedLight(factors=factors).observe("X", 1500.0, EXPOSURES_S[0], None)])
-    assert abs(seen.luminance_cd_m2 / 1500 - 1) < seen.half_width_95_rel
+    assert abs(seen.luminance_cd_m2 / 1500 - 1) < seen.U_rel
     # The longest exposure averages the pulses.
     dark = patch_luminance(there, [LockedLight(factors=factors).observe("X", 5.0, EXPOSURES_S[2], None)])
-    assert dark.half_width_95_rel < seen.half_width_95_rel / 3
+    assert dark.U_rel < seen.U_rel / 3
 
 
 def test_exposures_that_agree_stay_as_sure_as_they_were(calibration):

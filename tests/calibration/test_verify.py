@@ -261,7 +261,7 @@ def test_another_day_and_another_temperature_of_the_camera_count(setup, days, wa
     observations = [one for one in measured()[0][None] if one.patch == "P1"]
     recorded = calibration.provenance.measured + timedelta(days=days)
     before, after = (
-        patch_luminance(one, observations).standard_uncertainty_rel
+        patch_luminance(one, observations).u_rel
         for one in (calibration, calibration.for_use([None, recorded], [None, 30.0 + warmer_k]))
     )
     # Limits of 0.1 % by kelvin.

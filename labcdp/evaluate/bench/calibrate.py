@@ -9,7 +9,9 @@ from math import inf
 
 import numpy as np
 
-from ...calibration import AnyCalibration, Calibration, Setup, fit, fit_colour
+from ...calibration import AnyCalibration, Calibration, PatchLuminance, Setup, fit, fit_colour
+from ...calibration.colour.conversion import luminance_of_planes
+from ...calibration.fit.residuals import measured_rows
 from ...calibration.sensor.response import ResponseCurve
 from ...calibration.signal import left_out_text
 from ...core.errors import CalibrationError
@@ -253,7 +255,22 @@ def calibrate_recorded(
     else:
         calibration = _in_turns(calibrated, corrections, lens, uniform)
     final = calibration_corrections(calibration)
-    return [replace(session.with_vignetting(final), regions_by_plane={}) for session in observed], calibration
+    done = [replace(session.with_vignetting(final), regions_by_plane={}) for session in observed]
+    return done, _measured(calibration, _joined(done))
+
+
+def _measured(calibration: AnyCalibration, observed: ObservedSession) -> AnyCalibration:
+    """Return a calibration with the luminances of its patches as an evaluation of the session has them."""
+    in_use = calibration.at_their_temperature()
+
+    def measure(patch: str) -> PatchLuminance:
+        return luminance_of_planes(in_use, {plane: seen[patch] for plane, seen in observed.patches_by_plane.items()})
+
+    rows, held_out = (
+        measured_rows(group, measure, observed.by_meter, observed.meter_scale)
+        for group in (calibration.residuals, calibration.held_out)
+    )
+    return replace(calibration, residuals=rows, held_out=held_out)
 
 
 def _calibrated(observed: Sequence[ObservedSession], held_out: Collection[str], bracket: bool) -> AnyCalibration:

@@ -18,7 +18,7 @@ from ...report.html import render_page
 from ...report.layout import Block, Card, Page, ReportFigure, Section, page_text
 from ...report.sheets import result_workbook
 from ...report.text import day, fixed, listed, printable, shortened, significant, span, with_half_width
-from .calibration_result import PATCH_PIXELS, PatchBudgets
+from .calibration_result import budget_at
 from .quantities import range_text, responsivity
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
                 bars = [100 * Z_95 * (row.stated_rel or row.reading_random_cd_m2 / row.reading_cd_m2) for row in rows]
                 named = label if axes is panels[0] and calibration.held_out else None
                 axes.errorbar(*points, bars, markerfacecolor=face, color=colour, label=named, **_BARS)
-        finish(axes, name, "deviation from meter in %" if axes in panels[::2] else "", "")
+        finish(axes, name, "residual in %" if axes in panels[::2] else "", "")
         if end is not None:
             axes.set_xlim(0, end)
     logarithmic(panels[0].xaxis)
@@ -148,20 +148,20 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
     )
 
 
-def calibration_files(calibration: AnyCalibration, budgets: PatchBudgets, result: Result) -> dict[str, bytes]:
+def calibration_files(calibration: AnyCalibration, result: Result) -> dict[str, bytes]:
     """Return calibration.html and calibration.xlsx by their names."""
     return {
-        "calibration.html": render_page(calibration_page(calibration, budgets, result)).encode(),
+        "calibration.html": render_page(calibration_page(calibration, result)).encode(),
         "calibration.xlsx": result_workbook(result, calibration.provenance.measured),
     }
 
 
-def calibration_page(calibration: AnyCalibration, budgets: PatchBudgets, result: Result) -> Page:
+def calibration_page(calibration: AnyCalibration, result: Result) -> Page:
     """Return the page of a calibration: what it can measure and how well, then how it was found."""
     first, *others = calibration_figures(calibration)
     lead = first, result.table("calibration_patches").only(*_BESIDE_FIGURE)
     kind, sections = "Calibration of a camera as a luminance meter", _sections(calibration, result, others)
-    return Page.of(result, kind, _summary(calibration), _cards(calibration, budgets), lead, sections)
+    return Page.of(result, kind, _summary(calibration), _cards(calibration), lead, sections)
 
 
 def _summary(calibration: AnyCalibration) -> str:
@@ -177,27 +177,28 @@ def _summary(calibration: AnyCalibration) -> str:
     )
 
 
-def _cards(calibration: AnyCalibration, budgets: PatchBudgets) -> Iterator[Card]:
+def _cards(calibration: AnyCalibration) -> Iterator[Card]:
     yield Card("Calibrated range", range_text(calibration))
-    yield _uncertainty(budgets)
+    yield _uncertainty(calibration)
     yield _deviation(calibration)
     if isinstance(calibration, Calibration):
         r = responsivity(calibration)
         yield Card("Responsivity R", with_half_width(float(r.value or 0.0), r.expanded or 0.0), r.unit)
 
 
-def _uncertainty(budgets: PatchBudgets) -> Card:
-    """Say what U is at the positions of the patches, and what makes it."""
-    ordered = sorted(budgets, key=lambda patch: budgets[patch].U_rel)
+def _uncertainty(calibration: AnyCalibration) -> Card:
+    """Say what U of the patches is, and what makes it."""
+    rows = (*calibration.residuals, *calibration.held_out)
+    ordered = sorted((row for row in rows if row.U_rel), key=lambda row: row.U_rel or 0.0)
     lines, ends = [], []
-    for patch in dict.fromkeys((ordered[0], ordered[-1])):
-        budget = budgets[patch]
-        largest = max((row for row in budget.rows if row.included), key=lambda row: row.u_rel)
-        ends.append(significant(100 * budget.U_rel, 2))
-        k = fixed(budget.k, 2)
-        lines.append(printable(f"± {ends[-1]} % at {patch}, k = {k}, most of it {largest.source}"))
+    for row in dict.fromkeys((*ordered[:1], *ordered[-1:])):
+        parts = budget_at(calibration, row.luminance_cd_m2, row.centre_px).rows
+        largest = max((part for part in parts if part.included), key=lambda part: part.u_rel)
+        ends.append(significant(100 * (row.U_rel or 0.0), 2))
+        k = fixed(row.k or 0.0, 2)
+        lines.append(printable(f"± {ends[-1]} % at {row.patch}, k = {k}, most of it {largest.source}"))
     lines += ["without stray light of the scene", "meter scale included; it cancels in contrasts"]
-    detail = f"U (95 %) of {PATCH_PIXELS} pixels at the places of the patches"
+    detail = "U (95 %) of the patches, at their places"
     return Card("Uncertainty of a luminance", f"± {span(*ends)} %", detail, tuple(lines))
 
 
@@ -211,9 +212,9 @@ def _deviation(calibration: AnyCalibration) -> Card:
 
 
 def _worst(rows: Sequence[PatchResidual]) -> tuple[str, str]:
-    worst = max(rows, key=lambda row: abs(row.residual_rel))
+    worst = max(rows, key=lambda row: abs(row.deviation_rel))
     count = "1 patch" if len(rows) == 1 else f"{len(rows)} patches"
-    return f"{fixed(100 * worst.residual_rel, 2, sign=True)} %", printable(f"at patch {worst.patch}, of {count}")
+    return f"{fixed(100 * worst.deviation_rel, 2, sign=True)} %", printable(f"at patch {worst.patch}, of {count}")
 
 
 def _sections(calibration: AnyCalibration, result: Result, figures: Sequence[ReportFigure]) -> Iterator[Section]:

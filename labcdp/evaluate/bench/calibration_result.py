@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf, sqrt
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 
@@ -27,15 +27,20 @@ _UNLIMITED = 10_000
 #: Columns of patches that are compared with a fit.
 PATCH = Column("patch", "patch")
 CAMERA = Column("camera_cd_m2", "camera", "cd/m²", "From the calibrated camera.", value="luminance_cd_m2")
-METER = Column("meter_cd_m2", "meter", "cd/m²", "Mean reading; U and u without the meter's scale error.",
-               value="reading_cd_m2")  # fmt: skip
 DEVIATION = Column("deviation_rel", "deviation from meter", "%", "Relative deviation of the camera from the meter.",
-                   decimals=2, value="residual_rel")  # fmt: skip
+                   decimals=2)  # fmt: skip
 EXPOSURES = Column("exposures", "exposures", "", "Exposures that were used.",
                    value=lambda row: exposures(row.exposures_s))  # fmt: skip
-#: What the U of a reading leaves out where patches are compared with a fit.
-WITHOUT_SCALE = "± of the meter is U (95 %) without its scale error, which is common to all patches."
+#: What ± of a reading is.
+WITH_SCALE = "± of the meter is U (95 %), its scale error included, which is common to all patches."
 _DOF = "Degrees of freedom by Welch and Satterthwaite; empty if practically unlimited."
+#: U of the luminance of a `PatchResidual` by the camera.
+UNCERTAINTY = (
+    Column("expanded_rel", "U of camera", "%", "Relative U (95 %) of the luminance of the patch, at its place.", 2,
+           value="U_rel"),
+    Column("coverage_factor", "k", "", "Coverage factor, U over u.", decimals=2, value="k"),
+    Column("effective_dof", "effective dof", "", _DOF, decimals=0, value=lambda row: limited_dof(row.dof)),
+)  # fmt: skip
 #: How well a candidate predicts patches, and whether it was chosen.
 _CANDIDATE = (
     Column("leave_one_out_rel", "rms deviation", "%", "For patches left out of the fit, root mean square.", 3),
@@ -69,8 +74,17 @@ _LEFT_OUT = (
 )
 
 
-#: Budgets of the patches of a calibration, by their names.
-PatchBudgets: TypeAlias = Mapping[str, Budget]
+def meter_columns() -> tuple[Column, Column, Column]:
+    """Return the reading of a `MeasuredPatch` with its U, the meter's scale error included, and its u without it."""
+    meter = Column("meter_cd_m2", "meter", "cd/m²", "Mean reading.", value="reading_cd_m2")
+    value, expanded, u = uncertain(
+        meter, "reading_random_cd_m2", lambda row: _times(row.reading_cd_m2, row.reading_U_rel)
+    )
+    return value, expanded, replace(u, meaning="Standard uncertainty without the meter's scale error.")
+
+
+def _times(value: float, rel: float | None) -> float | None:
+    return None if rel is None else value * rel
 
 
 def budget_at(
@@ -91,15 +105,9 @@ def budget_at(
     return budget(calibration, luminance_cd_m2, n_pixels=n_pixels, position_px=position_px)
 
 
-def patch_budgets(calibration: AnyCalibration) -> dict[str, Budget]:
-    """Return the budget of each patch at its own luminance and position, as an evaluation of the patch has it."""
-    rows = (*calibration.residuals, *calibration.held_out)
-    return {row.patch: budget_at(calibration, row.luminance_cd_m2, row.centre_px) for row in rows}
-
-
-def limited_dof(dof: float) -> float | None:
+def limited_dof(dof: float | None) -> float | None:
     """Return effective degrees of freedom; None if practically unlimited."""
-    return dof if dof < _UNLIMITED else None
+    return None if dof is None or dof >= _UNLIMITED else dof
 
 
 def _budget_tables(calibration: AnyCalibration) -> tuple[Table, Table]:
@@ -150,7 +158,6 @@ def calibration_result(
     title: str = "",
     inputs: Sequence[InputFile] = (),
     options: Mapping[str, Any] | None = None,
-    budgets: PatchBudgets | None = None,
 ) -> Result:
     """Return all numbers of a calibration.
 
@@ -164,16 +171,14 @@ def calibration_result(
         What it was made from.
     options : mapping or None
         How it was made; values JSON can hold.
-    budgets : mapping of str to Budget, or None
-        From `patch_budgets`; None to compute them.
     """
     camera, meter = calibration.state.camera, calibration.meter_scale.meter
-    tables, findings = calibration_tables(calibration, budgets), calibration.findings
+    tables, findings = calibration_tables(calibration), calibration.findings
     more = {"configuration": options or {}, "simulated": camera.simulated or meter.simulated}
     return Result.of("calibrate", title or str(camera), tables, findings, *inputs, **more)
 
 
-def calibration_tables(calibration: AnyCalibration, budgets: PatchBudgets | None = None) -> Iterator[Table]:
+def calibration_tables(calibration: AnyCalibration) -> Iterator[Table]:
     """Yield the tables of a calibration."""
     totals, sources = _budget_tables(calibration)
     yield quantity_table("calibration", "Calibration", quantities(calibration))
@@ -181,7 +186,7 @@ def calibration_tables(calibration: AnyCalibration, budgets: PatchBudgets | None
     planes = {plane.state.plane or "": plane for plane in calibration.planes}
     if isinstance(calibration, ColourCalibration):
         yield _planes(calibration)
-    yield _patch_table(calibration, patch_budgets(calibration) if budgets is None else budgets)
+    yield _patch_table(calibration)
     if isinstance(calibration, ColourCalibration):
         title = "Combination compared with single colours"
         of_step = (Column("luminance_from", "luminance from", value="name"), *_CANDIDATE)
@@ -194,7 +199,7 @@ def calibration_tables(calibration: AnyCalibration, budgets: PatchBudgets | None
     yield Table.of_facts("conditions", "Conditions", conditions(calibration), "condition")
 
 
-def _patch_table(calibration: AnyCalibration, budgets: PatchBudgets) -> Table:
+def _patch_table(calibration: AnyCalibration) -> Table:
     """Return the patches of the fit and those held out, by meter and camera, with rising luminance."""
     fitted, deviation = set(map(id, calibration.residuals)), "Deviation from a fit without this patch."
     rows = (*calibration.residuals, *calibration.held_out)
@@ -203,25 +208,24 @@ def _patch_table(calibration: AnyCalibration, budgets: PatchBudgets) -> Table:
         Column("used_for", "used for", "", "Whether the patch was used for the fit.",
                value=lambda row: "fit" if id(row) in fitted else "held out"),
         Column("n_readings", "readings", "", "Number of meter readings."),
-        *uncertain(METER, "reading_random_cd_m2"),
+        *meter_columns(),
         *uncertain(
             CAMERA,
-            lambda row: row.luminance_cd_m2 * budgets[row.patch].u_rel,
-            lambda row: row.luminance_cd_m2 * budgets[row.patch].U_rel,
+            lambda row: _times(row.luminance_cd_m2, row.u_rel),
+            lambda row: _times(row.luminance_cd_m2, row.U_rel),
         ),
-        Column("expanded_rel", "U of camera", "%", "Relative U (95 %) at the place of the patch.", digits=2,
-               shown=False, value=lambda row: budgets[row.patch].U_rel),
-        Column("coverage_factor", "k", "", "Coverage factor, U over u.", decimals=2, shown=False,
-               value=lambda row: budgets[row.patch].k),
+        *(replace(column, shown=False) for column in UNCERTAINTY),
         DEVIATION,
-        Column("z", "z", "", "Deviation divided by its standard uncertainty from the stated errors.", decimals=2,
+        Column("residual_rel", "residual of the fit", "%", "Relative deviation of the fit from the meter.", decimals=2,
+               shown=False),
+        Column("z", "z", "", "Residual of the fit over its standard uncertainty by the stated errors.", decimals=2,
                value="standardised_residual"),
         Column("leave_one_out_rel", "from a fit without it", "%", deviation, decimals=2),
         Column("x_px", "x", "px", "Centre of the patch in the image.", decimals=0, value=lambda row: row.centre_px[0]),
         Column("y_px", "y", "px", "Centre of the patch in the image.", decimals=0, value=lambda row: row.centre_px[1]),
         EXPOSURES,
     )  # fmt: skip
-    note = f"{WITHOUT_SCALE} {page_text('uncertainty-in-short')}"
+    note = f"{WITH_SCALE} {page_text('uncertainty-in-short')}"
     table = Table.of_items("calibration_patches", "Patches of the calibration", columns, rows, note, True)
     return table.sorted_by("meter_cd_m2")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from math import inf
 
 from ...calibration import AnyCalibration, Calibration
@@ -26,7 +27,7 @@ from ...report.text import (
     with_half_width,
 )
 from ...session import ConditionsConfiguration
-from .calibration_result import CAMERA, DEVIATION, METER, PATCH_PIXELS, PatchBudgets, budget_at, limited_dof
+from .calibration_result import CAMERA, DEVIATION, PATCH_PIXELS, UNCERTAINTY, budget_at, limited_dof, meter_columns
 from .observe import ObservedSession, frame_maps
 from .quantities import RESPONSIVITY, conditions, lens_text, meter_text, range_text, responsivity, traceability
 from .session import target_map
@@ -35,9 +36,7 @@ from .verification import decision_rule, verified_patches
 _STATES: dict[Verdict, State] = {"conform": "good", "not conform": "bad", "undecided": "open"}
 
 
-def calibration_certificate(
-    observed: ObservedSession, calibration: AnyCalibration, budgets: PatchBudgets, saved: SavedFile
-) -> bytes:
+def calibration_certificate(observed: ObservedSession, calibration: AnyCalibration, saved: SavedFile) -> bytes:
     """Return the certificate of a calibration as a page, with what ISO/IEC 17025:2017, 7.8.2 and 7.8.4, asks for.
 
     Parameters
@@ -46,15 +45,13 @@ def calibration_certificate(
         What its first session says.
     calibration : Calibration or ColourCalibration
         The calibration.
-    budgets : mapping of str to Budget
-        Of its patches, from `patch_budgets`.
     saved : SavedFile
         Its file, which gives the certificate its number.
     """
     text = page_text("certificate-of-calibration", n_pixels=PATCH_PIXELS)
     method = page_text("certificate-method-of-calibration", **_method(calibration))
     sections = (
-        Section("Results", [_calibrated(calibration, budgets)]),
+        Section("Results", [certified_patches(calibration)]),
         _warnings(calibration.findings),
         Section("Method", [method]),
         *_statements(observed, text),
@@ -236,22 +233,21 @@ def _picture(observed: ObservedSession, calibration: AnyCalibration, simulated: 
     )
 
 
-def _calibrated(calibration: AnyCalibration, budgets: PatchBudgets) -> Table:
+def certified_patches(calibration: AnyCalibration) -> Table:
     """Return the patches by meter and camera, with U of the camera's luminance there and in the corners."""
     rows, corner = (*calibration.residuals, *calibration.held_out), darkest_corner_px(calibration)
+    *expanded, dof = UNCERTAINTY
     columns = (
         Column("patch", "patch",
                value=lambda row: row.patch if row in calibration.residuals else f"{row.patch} (held out)"),
-        METER,
+        *meter_columns(),
         CAMERA,
         DEVIATION,
-        Column("expanded_rel", "U of camera", "%", "Relative U (95 %) at the place of the patch.", digits=2,
-               value=lambda row: budgets[row.patch].U_rel),
-        Column("k", "k", "", "Coverage factor there.", decimals=2, value=lambda row: budgets[row.patch].k),
-        Column("effective_dof", "effective dof", "", "Effective degrees of freedom there.", decimals=0,
-               value=lambda row: limited_dof(budgets[row.patch].dof) or inf),
-        Column("expanded_corner_rel", "U in the corners", "%", "Relative U (95 %) of this luminance in the corners.",
-               digits=2, value=lambda row: budget_at(calibration, row.luminance_cd_m2, corner).U_rel),
+        *expanded,
+        replace(dof, value=lambda row: limited_dof(row.dof) or inf),
+        Column("expanded_corner_rel", "U in the corners", "%",
+               f"Relative U (95 %) of this luminance in the corners, of {PATCH_PIXELS} pixels in one frame.", digits=2,
+               value=lambda row: budget_at(calibration, row.luminance_cd_m2, corner).U_rel),
     )  # fmt: skip
     note = ""
     if isinstance(calibration, Calibration):

@@ -62,9 +62,9 @@ class PatchRow:
         return self.patch.region()
 
     @property
-    def half_width_95_rel(self) -> float:
+    def U_rel(self) -> float:  # noqa: N802 - the symbol of the GUM
         """Relative expanded uncertainty U (95 %) by the camera; nan for a bound."""
-        return nan if self.bound else self.calibrated.half_width_95_rel
+        return nan if self.bound else self.calibrated.U_rel
 
     @property
     def interval_95_cd_m2(self) -> tuple[float, float]:
@@ -79,12 +79,7 @@ class PatchRow:
             return None
         if self.bound:
             return "fail" if seen.luminance_cd_m2 > limits[1] else "undecided"
-        return limit_verdict(seen.luminance_cd_m2, self.half_width_95_rel * seen.luminance_cd_m2, limits)
-
-    @property
-    def measured_random_rel(self) -> float:
-        """Relative standard uncertainty of the meter's value, the scale excluded."""
-        return self.reading.random_cd_m2 / self.reading.luminance_cd_m2
+        return limit_verdict(seen.luminance_cd_m2, self.U_rel * seen.luminance_cd_m2, limits)
 
     def doubted(self, deviation_rel: float) -> PatchRow:
         """Return it with a luminance as uncertain as it deviates."""

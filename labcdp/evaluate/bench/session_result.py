@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from math import hypot, nan
 
 from ...calibration import AnyCalibration, contrast_half_width_95, contrast_uncertainty
-from ...calibration.uncertainty import expanded_rel
 from ...core.result import Finding, InputFile, Result, info
 from ...core.table import Column, Table, uncertain, with_bound, with_interval
 from ...report.text import day, exposures, minute, span
@@ -35,7 +34,7 @@ CONTRASTS = (
     *uncertain(
         Column("measured_contrast", "contrast by meter", "%",
                "From the mean luminances measured with the meter; its scale error cancels."),
-        lambda row: (1 + row.measured_contrast) * hypot(row.bright.measured_random_rel, row.dark.measured_random_rel),
+        lambda row: (1 + row.measured_contrast) * hypot(row.bright.reading.random_rel, row.dark.reading.random_rel),
         "measured_contrast_expanded",
     ),
     *with_bound(uncertain(
@@ -67,14 +66,14 @@ CONTRASTS = (
 LUMINANCES = (
     *uncertain(
         Column("measured_cd_m2", "measured", "cd/m²", "Mean reading of the meter.", value="reading.luminance_cd_m2"),
-        lambda row: hypot(row.measured_random_rel, row.meter.common_rel) * row.reading.luminance_cd_m2,
-        lambda row: expanded_rel([row.meter], row.measured_random_rel, row.reading.dof) * row.reading.luminance_cd_m2,
+        lambda row: hypot(row.reading.random_rel, row.meter.common_rel) * row.reading.luminance_cd_m2,
+        lambda row: row.reading.U_rel(row.meter) * row.reading.luminance_cd_m2,
     ),
     *with_bound(uncertain(
         Column("calibrated_cd_m2", "calibrated", "cd/m²", "From the calibrated camera.",
                value="calibrated.luminance_cd_m2"),
-        lambda row: row.calibrated.standard_uncertainty_rel * row.calibrated.luminance_cd_m2,
-        lambda row: row.half_width_95_rel * row.calibrated.luminance_cd_m2,
+        lambda row: row.calibrated.u_rel * row.calibrated.luminance_cd_m2,
+        lambda row: row.U_rel * row.calibrated.luminance_cd_m2,
     ), "bound"),
     Column("deviation_rel", "deviation", "%", "Relative deviation of the camera from the meter.", decimals=2),
 )  # fmt: skip
@@ -166,7 +165,7 @@ def _luminance(patches: Sequence[PatchRow]) -> Table:
         *((calculated,) if guessed else ()),
         *LUMINANCES[3:],
         Column("expanded_rel", "U of calibrated", "%", "Relative U (95 %), the meter's scale included.", digits=2,
-               value="half_width_95_rel"),
+               value="U_rel"),
         *(limits if any(row.patch.limits_cd_m2 for row in patches) else ()),
         Column("n_readings", "readings", "", "Number of meter readings.", shown=False,
                value="reading.n_readings"),

@@ -14,7 +14,7 @@ from ...core.table import Column, Table, uncertain, with_expanded
 from ...report.layout import page_text
 from ...report.text import minute
 from ...session import MeterCertificate, Session
-from .calibration_result import CAMERA, DEVIATION, EXPOSURES, METER, PATCH, WITHOUT_SCALE
+from .calibration_result import CAMERA, DEVIATION, EXPOSURES, PATCH, WITH_SCALE, meter_columns
 from .observe import ObservedSession, input_sha256
 from .quantities import RESPONSIVITY
 from .recorded import Report, measured_in, require_patches
@@ -135,11 +135,11 @@ def _verdict(verification: Verification) -> Table:
 
 def verified_patches(verification: Verification) -> Table:
     """Return the patches with deviation, U, tolerance and verdict, with rising luminance."""
-    deviation = replace(DEVIATION, label="deviation d", decimals=None, value="")
+    deviation = replace(DEVIATION, label="deviation d", decimals=None)
     columns = (
         PATCH,
         Column("n_readings", "readings", "", "Number of meter readings.", shown=False),
-        *uncertain(METER, "reading_random_cd_m2"),
+        *meter_columns(),
         CAMERA,
         *uncertain(deviation, "standard_uncertainty_rel", "expanded_rel"),
         Column("guard_rel", "guard band w", "%", "U (95 %) of the present measurement.", digits=2),
@@ -151,7 +151,7 @@ def verified_patches(verification: Verification) -> Table:
         ),
         EXPOSURES,
     )  # fmt: skip
-    table = Table.of_items("patches", "Patches measured again", columns, verification.patches, WITHOUT_SCALE)
+    table = Table.of_items("patches", "Patches measured again", columns, verification.patches, WITH_SCALE)
     return table.sorted_by("meter_cd_m2")
 
 

@@ -109,7 +109,7 @@ def test_rows_make_the_uncertainty_of_a_grey_patch(calibration, luminance, scatt
     rows = whole.rows
     # Fitted planes see a grey patch a little coloured, and photon transfer gives K: a part in a hundred.
     assert whole.u_rel == pytest.approx(hypot(patch.random_rel, patch.common_rel), rel=0.01)
-    assert whole.U_rel == pytest.approx(patch.half_width_95_rel, rel=0.01)
+    assert whole.U_rel == pytest.approx(patch.U_rel, rel=0.01)
     parts = [row(rows, source).u_rel for source in ("fit", "meter repeatability")]
     variance = np.ones(4) @ np.array(calibration.weight_covariance) @ np.ones(4)
     assert hypot(*parts) == pytest.approx(sqrt(variance) / sum(calibration.weights), rel=1e-6)

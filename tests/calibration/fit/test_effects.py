@@ -91,7 +91,7 @@ def test_a_dark_signal_that_is_not_that_of_the_light_frames(setup, seen, code, c
     # Nothing says that it stays: a dark patch is as uncertain, and the truth is within.
     patch = patch_luminance(calibration, [seen(SimulatedCamera().observe("X", 1.0, EXPOSURES_S[-1], None))])
     moved = abs(value) / (1200 * EXPOSURES_S[-1])
-    half_width = patch.half_width_95_rel * patch.luminance_cd_m2
+    half_width = patch.U_rel * patch.luminance_cd_m2
     assert abs(patch.luminance_cd_m2 - 1) < half_width == pytest.approx(1.96 * moved, rel=0.1)
 
 
@@ -119,7 +119,7 @@ def test_light_of_the_surroundings_in_the_regions_is_named_and_costs_no_certaint
     for share, named in ((0.05, True), (0.0, False)):
         patch = patch_luminance(sharp, [with_rim({"X": share})(SimulatedCamera().observe("X", 20.0, 0.064, None))])
         assert ("patch-rim" in codes(patch)) == named
-        assert abs(patch.luminance_cd_m2 / 20 - 1) <= patch.half_width_95_rel
+        assert abs(patch.luminance_cd_m2 / 20 - 1) <= patch.U_rel
         assert (patch.random_rel > 0.03) == named
 
 
@@ -148,7 +148,7 @@ def test_companding_that_nobody_states_is_found(setup):
     assert calibration.response.net_dn[1:3] == pytest.approx([300, 900], rel=0.03)
     for luminance in (3.0, 60.0, 700.0):
         patch = patch_luminance(calibration, [kneed(knees)(camera.observe("X", luminance, 0.004, None))])
-        assert abs(patch.luminance_cd_m2 / luminance - 1) < max(patch.half_width_95_rel, 0.005)
+        assert abs(patch.luminance_cd_m2 / luminance - 1) < max(patch.U_rel, 0.005)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -210,4 +210,4 @@ def test_light_that_reaches_the_middle_of_a_region_counts_as_far_as_it_is_seen(s
     middle = PatchPart(o.mean_dn - 0.06 * net, 1.0, 0.11)
     patch = patch_luminance(sharp, [replace(o, middle=middle)])
     assert patch.rim_rel == pytest.approx(0.06, abs=0.002)
-    assert patch.half_width_95_rel > 1.96 * 0.06
+    assert patch.U_rel > 1.96 * 0.06

@@ -41,5 +41,5 @@ def test_one_gain_brings_all_four_within_8_percent_and_a_further_patch_is_known_
     assert "patches-scatter" in codes(calibration)
     patch = patch_luminance(calibration.at_their_temperature(), [seen("new", 200.0)])
     # t_3 s sqrt(1 + 1/4), the prediction interval of a mean of four, and the meter's 2 % beside it.
-    assert patch.half_width_95_rel == pytest.approx(student.isf(0.025, 3) * relative * np.sqrt(1.25), rel=0.02)
-    assert patch.half_width_95_rel == pytest.approx(0.214, abs=0.003)
+    assert patch.U_rel == pytest.approx(student.isf(0.025, 3) * relative * np.sqrt(1.25), rel=0.02)
+    assert patch.U_rel == pytest.approx(0.214, abs=0.003)

@@ -38,7 +38,7 @@ def test_every_patch_lies_within_its_interval(evaluation):
             # The guessed K of 0.41 DN/e- instead of 0.6 makes the calculated luminance about 46 % too high.
             assert 1.33 < row.calculated_cd_m2 / row.reading.luminance_cd_m2 < 1.52
             # 95 % of a rectangular error of 2 % are within 1.9 %.
-            assert expanded_rel([row.meter], row.measured_random_rel) == pytest.approx(0.019, abs=0.001)
+            assert expanded_rel([row.meter], row.reading.random_rel) == pytest.approx(0.019, abs=0.001)
 
 
 def test_a_contrast_is_that_of_the_longest_exposure_that_saturates_neither_patch(recorded, observed, evaluation):

@@ -10,23 +10,24 @@ from dataclasses import replace
 import pytest
 
 from labcdp.calibration.budget import budget
-from labcdp.calibration.record import SavedFile, save, save_verification
+from labcdp.calibration.record import SavedFile, load_any, save, save_verification
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.verify import verify
 from labcdp.core.frame import PLANES
 from labcdp.core.result import warning
-from labcdp.evaluate.bench.calibrate import calibrate_session
+from labcdp.evaluate.bench.calibrate import calibrate_recorded, calibrate_session
 from labcdp.evaluate.bench.calibration_page import calibration_page
-from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result, patch_budgets
-from labcdp.evaluate.bench.certificate import calibration_certificate, verification_certificate
+from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result
+from labcdp.evaluate.bench.certificate import calibration_certificate, certified_patches, verification_certificate
 from labcdp.evaluate.bench.history import by_camera, history_files, history_result
 from labcdp.evaluate.bench.observe import observe_session
-from labcdp.evaluate.bench.session import evaluate_session
+from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
 from labcdp.evaluate.bench.session_page import session_files
 from labcdp.evaluate.bench.session_result import session_result
+from labcdp.evaluate.bench.verification import verified_patches
 from labcdp.report.files import envelope
 from labcdp.report.html import render_page
-from labcdp.report.text import finding_text
+from labcdp.report.text import finding_text, with_half_width
 from labcdp.session import ContrastConfiguration, Session
 from labcdp.session.configuration import ConditionsConfiguration, PartyConfiguration
 
@@ -84,7 +85,7 @@ def written(evaluated, tmp_path_factory):
 
 def certificate(observed, calibration, saved=SAVED):
     """The page of a calibration's certificate."""
-    return calibration_certificate(observed, calibration, patch_budgets(calibration), saved).decode()
+    return calibration_certificate(observed, calibration, saved).decode()
 
 
 def rows(result, table, key):
@@ -101,7 +102,7 @@ def test_results_hold_the_evaluation(evaluated, written):
         assert [row["detected_from"], row["detected_up_to"]] == pytest.approx(counting, rel=1e-12)
     patches = {row["patch"]: row for row in values["tables"]["luminance"]["rows"]}
     for patch in evaluated.patches:
-        row, u = patches[patch.region.name], patch.calibrated.half_width_95_rel
+        row, u = patches[patch.region.name], patch.calibrated.U_rel
         seen = patch.reading.luminance_cd_m2, patch.calculated_cd_m2, patch.calibrated.luminance_cd_m2
         assert (row["measured_cd_m2"], row["calculated_cd_m2"], row["calibrated_cd_m2"]) == seen
         assert row["expanded_calibrated_cd_m2"] == pytest.approx(u * row["calibrated_cd_m2"], rel=1e-12)
@@ -145,7 +146,7 @@ def test_text_of_a_user_is_no_markup_on_any_page(evaluated, hostile, written):
     titled = calibration_result(calibration, "Title <i>here</i>")
     for page in (
         (written / "report.html").read_text(encoding="utf-8"),
-        render_page(calibration_page(calibration, patch_budgets(calibration), titled)),
+        render_page(calibration_page(calibration, titled)),
         certificate(observed, calibration),
         verification,
     ):
@@ -208,10 +209,7 @@ def test_a_certificate_says_what_iso_17025_asks_for(evaluated, tmp_path):
 
 
 def test_u_in_the_corners_of_a_certificate_has_the_uncertainty_of_the_vignetting(evaluated):
-    """With nothing else to be seen beside an assumed vignetting that is uncertain by half, U is 1.96 times that.
-
-    At the place of each patch it is the U that its evaluation has.
-    """
+    """With nothing else to be seen beside an assumed vignetting that is uncertain by half, U is 1.96 times that."""
     whole = replace(evaluated.calibration.vignetting, corner_rel=0.5)
     page = certificate(evaluated.observed, replace(evaluated.calibration, vignetting=whole))
     rows = re.findall(r'<tr><th scope="row">.*?</tr>', page)
@@ -222,19 +220,59 @@ def test_u_in_the_corners_of_a_certificate_has_the_uncertainty_of_the_vignetting
         assert float(corner) == pytest.approx(98, abs=3)
 
 
-def test_u_of_certificate_and_calibration_is_that_of_the_evaluated_patch(evaluated):
-    expected = {row.patch.name: row.calibrated.half_width_95_rel for row in evaluated.patches}
-    table = calibration_result(evaluated.calibration).table("calibration_patches")
-    assert {row["patch"]: row["expanded_rel"] for row in table.rows()} == pytest.approx(expected, rel=0.05)
-    for row in table.rows():
-        assert row["expanded_camera_cd_m2"] == pytest.approx(row["expanded_rel"] * row["camera_cd_m2"])
-        u = row["u_camera_cd_m2"] / row["camera_cd_m2"]
-        assert row["coverage_factor"] == pytest.approx(row["expanded_rel"] / u)
-    page = certificate(evaluated.observed, evaluated.calibration)
-    cells = [re.findall(r">([^<]*)</td>", row) for row in re.findall(r'<tr><th scope="row">.*?</tr>', page)]
-    assert sorted(float(row[-4]) for row in cells) == pytest.approx(
-        sorted(100 * u for u in expected.values()), rel=0.06
-    )
+def coloured(frames):
+    """Frames as of a sensor with colour filters."""
+    return [(replace(one, colour_filter="RG", pixel_format="BayerRG12"), role, None) for one, role in frames]
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_a_patch_has_one_luminance_and_one_u(recorded, filtered, tmp_path):
+    """In calibration, certificate and report of a session, also for a calibration that was read from its file."""
+    if filtered:
+        again(tmp_path / "session", recorded, coloured)
+    with Session.open(tmp_path / "session" if filtered else recorded.path) as session:
+        (observed,), calibration = calibrate_recorded([session], held_out=["P05"])
+        save(calibration, tmp_path / "calibration.json")
+        evaluation = evaluate_session(*observe_calibrated(session, load_any(tmp_path / "calibration.json")))
+    reported = {row["patch"]: row for row in session_result(evaluation).table("luminance").rows()}
+    for result in (calibration_result(calibration), session_result(evaluation)):
+        rows = [*result.table("calibration_patches").rows()]
+        assert len(rows) == 16
+        for row in rows:
+            expected = reported[row["patch"]]
+            for here, there in (
+                ("camera_cd_m2", "calibrated_cd_m2"),
+                ("expanded_camera_cd_m2", "expanded_calibrated_cd_m2"),
+                ("u_camera_cd_m2", "u_calibrated_cd_m2"),
+                ("meter_cd_m2", "measured_cd_m2"),
+                ("expanded_meter_cd_m2", "expanded_measured_cd_m2"),
+            ):
+                assert row[here] == pytest.approx(expected[there], rel=1e-9)
+            assert row["expanded_rel"] == pytest.approx(expected["expanded_rel"], rel=1e-9)
+            assert row["deviation_rel"] == pytest.approx(expected["deviation_rel"], abs=1e-9)
+            assert row["coverage_factor"] == pytest.approx(row["expanded_camera_cd_m2"] / row["u_camera_cd_m2"])
+    certified = certified_patches(calibration)
+    for row in certified.rows():
+        expected = reported[row["patch"].removesuffix(" (held out)")]
+        seen = [row[name] for name in ("camera_cd_m2", "expanded_rel", "meter_cd_m2", "expanded_meter_cd_m2")]
+        names = "calibrated_cd_m2", "expanded_rel", "measured_cd_m2", "expanded_measured_cd_m2"
+        assert seen == pytest.approx([expected[name] for name in names], rel=1e-9)
+    assert {row["patch"] for row in certified.rows()} == {*reported} - {"P05"} | {"P05 (held out)"}
+    page = certificate(observed, calibration)
+    for row in evaluation.patches:
+        assert (
+            with_half_width(row.reading.luminance_cd_m2, row.reading.U_rel(row.meter) * row.reading.luminance_cd_m2)
+            in page
+        )
+
+
+def test_a_verification_states_the_same_u_of_the_meter(evaluated):
+    observed = evaluated.observed
+    seen = observed.by_plane, observed.darks_by_plane, observed.readings
+    rows = verified_patches(verify(evaluated.calibration, *seen, observed.meter_scale, 0.5)).rows()
+    reported = {row["patch"]: row for row in session_result(evaluated).table("luminance").rows()}
+    for row in rows:
+        assert row["expanded_meter_cd_m2"] == pytest.approx(reported[row["patch"]]["expanded_measured_cd_m2"], rel=1e-9)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
@@ -278,7 +316,7 @@ def test_budget_and_patches_are_those_of_the_calibration(evaluated):
     patches = rows(result, "calibration_patches", "patch")
     for use, group in (("fit", rest), ("held out", [first])):
         for patch in group:
-            seen = use, patch.reading_cd_m2, patch.reading_random_cd_m2, patch.residual_rel
+            seen = use, patch.reading_cd_m2, patch.reading_random_cd_m2, patch.deviation_rel
             row = patches[patch.patch]
             assert tuple(row[key] for key in ("used_for", "meter_cd_m2", "u_meter_cd_m2", "deviation_rel")) == seen
     # 95 % of a rectangular error lie within fewer standard uncertainties than of a normal one.

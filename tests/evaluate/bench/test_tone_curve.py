@@ -102,7 +102,7 @@ def test_patches_and_pixels_of_another_scene_are_right_with_their_noise(session,
     assert np.abs(means - SCALE_ERROR).max() < 0.04  # one column has 160 pixels
     for row in evaluate_session(observed, calibration).patches:
         off = row.calibrated.luminance_cd_m2 / LUMINANCES[row.region.name] - 1
-        assert abs(off) < row.calibrated.half_width_95_rel < 0.06
+        assert abs(off) < row.calibrated.U_rel < 0.06
     z = ((seen.luminance_cd_m2 / luminance - 1 - SCALE_ERROR) / seen.random_rel)[seen.valid]
     assert z.std() == pytest.approx(1, abs=0.08)
 

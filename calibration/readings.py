@@ -297,7 +297,8 @@ def _alike(readings: Mapping[str, Sequence[Reading]]) -> list[str]:
     odd: set[int] = set()
     n_left = sum(values.size for values in left)
     for _ in range(n_left // 4):
-        worst, drop = max(((k, _drops(values).max()) for k, values in enumerate(left)), key=lambda pair: pair[1])
+        drops = ((k, _drops(values).max()) for k, values in enumerate(left) if values.size > 1)
+        worst, drop = max(drops, key=lambda pair: pair[1])
         left[worst] = np.delete(left[worst], int(np.argmax(_drops(left[worst]))))
         without.add(worst)
         dof = sum(values.size - 1 for values in left)

@@ -98,3 +98,10 @@ def test_a_patch_that_scatters_alone_widens_no_other():
             inf,
             pytest.approx(0.002 * 100 / sqrt(2), rel=0.02),
         )
+
+
+def test_readings_that_agree_exactly_scatter_as_stated():
+    readings = {f"P{i}": at_times([make_reading(10.0 * i)] * 2) for i in range(1, 13)}
+    combined, findings = combine_patches(readings)
+    assert findings == []
+    assert [combined[patch] for patch in readings] == [combine_readings(*item)[0] for item in readings.items()]

@@ -1,6 +1,6 @@
 """labcdp computes how probable it is that a camera still detects a contrast.
 
-- `cdp`, `cdp_neighbours`: contrast detection probability (CDP) of pixels
+- `cdp`, `cdp_matrix`, `cdp_neighbours`: contrast detection probability (CDP) of pixels
 - `read_image`, `open_video`: pictures and videos, with regions, as luminance
 - `Session`: recorded bench sessions, their calibration and evaluation
 - `Chain`: the simulated imaging chain, runs and sweeps
@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .metrics import Cdp as Cdp
     from .metrics import DetectionInterval as DetectionInterval
     from .metrics import cdp as cdp
+    from .metrics import cdp_matrix as cdp_matrix
     from .metrics import cdp_neighbours as cdp_neighbours
 
     __version__: str
@@ -63,6 +64,7 @@ _HOME = {
     "Session": "api.session",
     "Video": "api.video",
     "cdp": "metrics",
+    "cdp_matrix": "metrics",
     "cdp_neighbours": "metrics",
     "compare": "api.compare",
     "open_video": "api.video",

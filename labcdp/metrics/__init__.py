@@ -10,6 +10,7 @@ from .contrast import (
 from .correlation import variance_inflation
 from .detection import cdp
 from .distribution import Distribution, Region
+from .matrix import cdp_matrix
 from .neighbours.cdp import cdp_neighbours
 from .result import Cdp
 from .signal_to_noise import cnr, csnr, d_prime, snr, snr_10log10_db, snr_20log10_db
@@ -25,6 +26,7 @@ __all__ = [
     "Epsilon",
     "Region",
     "cdp",
+    "cdp_matrix",
     "cdp_neighbours",
     "cnr",
     "contrast_distribution",

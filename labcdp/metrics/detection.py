@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, TypeAlias, overload
 
 import numpy as np
@@ -259,17 +259,28 @@ def region_cdp(
     In regions of less than 200 pixels, correlation cannot be told from chance, which is in `findings`: of 6 x 6 pixels
     smoothed by 0.6 to 2 px they covered it in 81 to 94 %.
     """
-    regions = bright, dark
-
-    def inflation(inside: float, per_dark: NDArray[np.float64], per_bright: NDArray[np.float64]) -> float:
-        """Inflation of the variance of a CDP, from the share of detected pairs of each value of both regions."""
-        most = max(region.inflation for region in regions)
-        # Where all pairs agree, the shares contain no information about correlation.
-        return most if most == 1 or not 0 < inside < 1 else _inflation(most, regions, (per_bright, per_dark))
-
     return count_cdp(
-        bright.distribution, dark.distribution, contrasts, epsilon, definition, swapped=swapped, inflation=inflation
+        bright.distribution,
+        dark.distribution,
+        contrasts,
+        epsilon,
+        definition,
+        swapped=swapped,
+        inflation=partial(cdp_inflation, bright, dark),
     )
+
+
+def cdp_inflation(
+    bright: NoisyRegion,
+    dark: NoisyRegion,
+    inside: float,
+    per_dark: NDArray[np.float64],
+    per_bright: NDArray[np.float64],
+) -> float:
+    """Inflation of the variance of a CDP, from the share of detected pairs, of all and of each value of both regions."""
+    most = max(bright.inflation, dark.inflation)
+    # Where all pairs agree, the shares contain no information about correlation.
+    return most if most == 1 or not 0 < inside < 1 else _inflation(most, (bright, dark), (per_bright, per_dark))
 
 
 def _inflation(most: float, regions: Sequence[NoisyRegion], shares_by_value: Sequence[NDArray[np.float64]]) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal
 from fractions import Fraction
 from functools import lru_cache
 from math import inf, isfinite
@@ -21,6 +22,8 @@ from .pairs import bright_and_dark
 
 #: Detection intervals that are kept for the next frame of a video.
 _KEPT = 2**14
+#: Ends of intervals are at most half the largest float.
+_LARGEST_END = Fraction(float_info.max) / 2
 #: Contrasts to be detected, fractions: one, or several; None for the one that a pair has.
 TargetContrasts: TypeAlias = float | tuple[float, ...] | None
 
@@ -215,13 +218,14 @@ def _ratio(end: Fraction, definition: ContrastDefinition) -> float:
 
 def _rounded(number: Fraction) -> float:
     """Return the nearest float, at most half the largest one: with its tolerance an end there would be open."""
-    return float(min(number, Fraction(float_info.max) / 2))
+    return float(min(number, _LARGEST_END))
 
 
 def _is_number(value: object) -> TypeGuard[float]:
     return isinstance(value, Real) and not isinstance(value, bool | np.bool_)
 
 
+@lru_cache(maxsize=_KEPT)
 def decimal_fraction(number: float) -> Fraction:
     """Return a float as the exact fraction of its shortest decimal: 0.1 is exactly 1/10."""
-    return Fraction(repr(float(number)))
+    return Fraction(Decimal(repr(float(number))))

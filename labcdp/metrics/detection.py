@@ -277,7 +277,7 @@ def cdp_inflation(
     per_dark: NDArray[np.float64],
     per_bright: NDArray[np.float64],
 ) -> float:
-    """Inflation of the variance of a CDP, from the share of detected pairs, of all and of each value of both regions."""
+    """Inflation of the variance of a CDP, by the share of detected pairs, of all and of each value of both regions."""
     most = max(bright.inflation, dark.inflation)
     # Where all pairs agree, the shares contain no information about correlation.
     return most if most == 1 or not 0 < inside < 1 else _inflation(most, (bright, dark), (per_bright, per_dark))

@@ -124,34 +124,40 @@ def cdp_matrix(
     bright, dark = np.where(swapped, second, first), np.where(swapped, first, second)
     positive = np.array([bool(patch.distribution.values[-1] > 0) for patch in patches])
     defined = (positive[bright] | positive[dark]) & (first != second)
-    variables = {"swapped": swapped} | _ratios(patches, bright, dark, defined)
-    by_pair = ("bright", "dark")
-    dims: tuple[str, ...]
-    if contrast is None or isinstance(contrast, Mapping):
-        tolerance = target_contrasts(1.0, epsilon, "weber")[1]
-        targets = variables["measured_contrast"] if contrast is None else _stated_contrasts(contrast, patches)[bright, dark]
-        targets = np.where(defined & (targets > 0) & np.isfinite(targets), targets, nan)
-        coordinate, dims = (by_pair, targets), by_pair
-    else:
-        contrasts, tolerance, shape = target_contrasts(contrast, epsilon, "weber")
-        if len(shape) > 1:
-            raise InputError(f"contrast has the shape {shape}: give a number, a list, or stated values of the regions")
-        targets = np.where(defined[..., None], contrasts, nan).reshape(*defined.shape, *shape)
-        coordinate = (shape and ("contrast",), np.reshape(contrasts, shape))
-        dims = (*by_pair, "contrast") if shape else by_pair
-    probabilities = _probabilities(patches, bright, dark, targets.reshape(*defined.shape, -1), tolerance)
-    names = [patch.name for patch in patches]
-    return Dataset(
+    ratios = _ratios(patches, bright, dark, defined)
+    pair_contrasts = None
+    if contrast is None:
+        pair_contrasts = ratios["measured_contrast"]
+    elif isinstance(contrast, Mapping):
+        pair_contrasts, contrast = _stated_contrasts(contrast, patches)[bright, dark], None
+    contrasts, tolerance, shape = target_contrasts(1.0 if contrast is None else contrast, epsilon, "weber")
+    if len(shape) > 1:
+        raise InputError(f"contrast has the shape {shape}: give a number, a list, or stated values of the regions")
+    targets = np.where(defined[..., None], contrasts, nan)
+    if pair_contrasts is not None:
+        usable = defined & (pair_contrasts > 0) & np.isfinite(pair_contrasts)
+        targets = np.where(usable, pair_contrasts, nan)[..., None]
+    by_pair, names = ("bright", "dark"), [patch.name for patch in patches]
+    dataset = Dataset(
         {
-            **{name: (dims, values.reshape(targets.shape), _meaning(name)) for name, values in probabilities.items()},
-            **{name: (by_pair, values, _meaning(name)) for name, values in variables.items()},
+            **{
+                name: ((*by_pair, "contrast"), values)
+                for name, values in _probabilities(patches, bright, dark, targets, tolerance).items()
+            },
+            **{name: (by_pair, values) for name, values in ratios.items()},
+            "swapped": (by_pair, swapped),
         },
-        {
-            "bright": ("bright", names, _meaning("bright")),
-            "dark": ("dark", names, _meaning("dark")),
-            "contrast": (*coordinate, _meaning("contrast")),
-        },
+        {"bright": names, "dark": names, "contrast": contrasts},
     )
+    if not shape:
+        dataset = dataset.isel(contrast=0)
+    if pair_contrasts is not None:
+        dataset = dataset.assign_coords(contrast=(by_pair, targets[..., 0]))
+    for name in dataset.variables:
+        dataset[name].attrs["long_name"] = _MEANINGS[str(name)]
+        if name not in by_pair:
+            dataset[name].attrs["units"] = "1"
+    return dataset
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,11 +170,9 @@ class _Patch:
     noisy: NoisyRegion | None
 
 
-def _meaning(name: str) -> dict[str, str]:
-    return {"long_name": _MEANINGS[name]} | ({} if name in ("bright", "dark") else {"units": "1"})
-
-
 def _patches(regions: Mapping[str, ArrayLike] | Sequence[ArrayLike] | NDArray[Any]) -> list[_Patch]:
+    if not isinstance(regions, Mapping | Sequence | np.ndarray) or isinstance(regions, str):
+        raise InputError(f"regions is {type(regions).__name__}: give arrays of pixels by name, or a list of them")
     if not isinstance(regions, Mapping):
         regions = {str(number): pixels for number, pixels in enumerate(regions, start=1)}
     if len(regions) < 2:
@@ -259,7 +263,7 @@ def _count(bright: _Patch, dark: _Patch, contrasts: Sequence[float], epsilon: Ep
     upper, lower = bright.distribution, dark.distribution
     pairs = upper.total * lower.total
     per_dark, per_bright = np.empty(lower.values.size), np.empty(upper.values.size)
-    counted = []
+    counted: list[tuple[float, ...]] = []
     for contrast in contrasts:
         low, high = detected_ratios(contrast, epsilon)
         numbers = merge_counts(

@@ -81,9 +81,7 @@ def d_prime_of_moments(bright: Moments, dark: Moments) -> tuple[_Array, _Array]:
 
 def csnr_of_moments(bright: Moments, inverse_dark: Moments) -> tuple[_Array, _Array]:
     """Return `labcdp.metrics.csnr` and its u for each pair, by the moments of 1 / the dark values."""
-    variance = (
-        bright.variance * (inverse_dark.variance + inverse_dark.mean**2) + bright.mean**2 * inverse_dark.variance
-    )
+    variance = bright.variance * (inverse_dark.variance + inverse_dark.mean**2) + bright.mean**2 * inverse_dark.variance
     ratio = (bright.mean * inverse_dark.mean - 1) / np.sqrt(variance)
     parts = []
     for region, other in ((bright, inverse_dark), (inverse_dark, bright)):

@@ -153,10 +153,8 @@ def cdp_matrix(
         dataset = dataset.isel(contrast=0)
     if pair_contrasts is not None:
         dataset = dataset.assign_coords(contrast=(by_pair, targets[..., 0]))
-    for name in dataset.variables:
-        dataset[name].attrs["long_name"] = _MEANINGS[str(name)]
-        if name not in by_pair:
-            dataset[name].attrs["units"] = "1"
+    for name, variable in dataset.variables.items():
+        variable.attrs = {"long_name": _MEANINGS[str(name)]} | ({} if name in by_pair else {"units": "1"})
     return dataset
 
 

@@ -21,6 +21,8 @@ def probabilities() -> float:
     neighbours: labcdp.Cdp[NDArray[np.float64]] = labcdp.cdp_neighbours(
         np.arange(1, 101).reshape(10, 10), np.array([0.1, 0.2])
     )
+    matrix: xr.Dataset = labcdp.cdp_matrix({"bright": bright, "dark": dark}, 0.2)
+    assert float(matrix.cdp.sel(bright="bright", dark="dark")) == one.cdp
     return number + float(array.sum()) + float(neighbours.cdp.mean())
 
 

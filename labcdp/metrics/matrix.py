@@ -100,7 +100,8 @@ def cdp_matrix(
     Each region is sorted once, and the pairs of pixels of two regions are counted in one merge of their values: the
     time grows with the number of pairs times the pixels of a region. CNR, CSNR and d' follow from moments of the
     regions, as `cnr`, `csnr` and `d_prime` give them; their u and that of the contrast are those of independent pixels
-    times the root of the larger `variance_inflation` of both regions.
+    times the root of the larger `variance_inflation` of both regions. In regions of less than 200 pixels, correlated
+    noise cannot be told from chance, as for `cdp`.
 
     Examples
     --------
@@ -148,6 +149,10 @@ def cdp_matrix(
             "swapped": (by_pair, swapped),
         },
         {"bright": names, "dark": names, "contrast": contrasts},
+        {
+            "title": "contrast detection probability of all pairs of regions",
+            "epsilon": tolerance if isinstance(tolerance, int | float) else str(tolerance),
+        },
     )
     if not shape:
         dataset = dataset.isel(contrast=0)

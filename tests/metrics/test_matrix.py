@@ -220,6 +220,9 @@ def test_dimensions_are_those_of_the_contrasts_and_regions_have_numbers_without_
     np.testing.assert_array_equal(number.cdp, several.cdp.sel(contrast=0.5))
     assert all(several[name].attrs["long_name"] for name in several.variables)
     assert several.u_cdp.attrs["units"] == "1"
+    assert (several.attrs["epsilon"], cdp_matrix(regions, 1, DetectionInterval(0.1, None)).attrs["epsilon"]) == (
+        0.5, "DetectionInterval(below=0.1, above=None)"
+    )  # fmt: skip
 
 
 REFUSED = [

@@ -15,7 +15,7 @@ from ..manual import stated_accuracy
 from ..minolta_ls.meter import DRIVERS, MinoltaLS
 from .commands import Command, parse_command, parse_schedule
 from .device import SimulatedDevice
-from .devices import BenchDevices
+from .devices import SimulatedDevices
 from .faults import Drifts, Misfortune
 from .genicam import standard_features
 from .gige_camera import SimulatedGigECamera
@@ -25,7 +25,7 @@ from .port import InProcessPort
 from .pty import PtyMeter
 from .target import SimulatedTarget
 
-__all__ = ["BenchDevices", "SimulatedBench"]
+__all__ = ["SimulatedBench", "SimulatedDevices"]
 
 
 class SimulatedBench:
@@ -39,7 +39,7 @@ class SimulatedBench:
     ----------
     configuration : SessionConfiguration
         Its target, lens and spectrum are simulated; each patch needs a nominal luminance.
-    devices : BenchDevices
+    devices : SimulatedDevices
         The specimens.
     sensor_shape : (int, int) or None
         Height and width for a smaller sensor; None keeps the camera's own.
@@ -57,7 +57,7 @@ class SimulatedBench:
     def __init__(
         self,
         configuration: SessionConfiguration,
-        devices: BenchDevices,
+        devices: SimulatedDevices,
         sensor_shape: tuple[int, int] | None = None,
         clock: Clock | None = None,
         repeated: Iterable[str] = (),

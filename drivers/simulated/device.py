@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.dn import PIXEL_FORMATS, PixelFormat
 from ..camera import CameraError
-from .genicam import Address, FeatureTable, feature, initial_values, standard_features
+from .genicam import FeatureTable, RegisterAddress, feature, initial_values, standard_features
 
 #: Formats the simulated camera may offer, by code.
 FORMATS: Mapping[int, PixelFormat] = {form.code: form for form in PIXEL_FORMATS.values()}
@@ -72,7 +72,7 @@ class SimulatedDevice:
 
 
 @dataclass(frozen=True)
-class Readout:
+class FrameReadout:
     """Readout of an exposure as a frame.
 
     Parameters
@@ -155,7 +155,7 @@ class Registers:
         """Store a number."""
         self._fake.write_register(address, value)
 
-    def write_text(self, address: Address, text: str, length: int) -> None:
+    def write_text(self, address: RegisterAddress, text: str, length: int) -> None:
         """Store text of less than `length` letters; raises CameraError if it is longer."""
         raw = text.encode("ascii")
         if len(raw) >= length:
@@ -165,32 +165,32 @@ class Registers:
 
     def switch_on(self, device: SimulatedDevice) -> None:
         """Store the values of a device after power-on."""
-        self.write_text(Address.VENDOR, device.vendor, 32)
-        self.write_text(Address.MODEL, device.model, 32)
-        self.write_text(Address.MANUFACTURER_INFO, "labcdp simulated camera", 48)
+        self.write_text(RegisterAddress.VENDOR, device.vendor, 32)
+        self.write_text(RegisterAddress.MODEL, device.model, 32)
+        self.write_text(RegisterAddress.MANUFACTURER_INFO, "labcdp simulated camera", 48)
         numbers = initial_values(device.features) | {
-            Address.SENSOR_WIDTH: device.width,
-            Address.SENSOR_HEIGHT: device.height,
-            Address.WIDTH: device.width,
-            Address.HEIGHT: device.height,
-            Address.FRAME_PERIOD_US: round(1e6 / device.frame_rate_hz),
-            Address.BLACK_LEVEL: round(device.black_level_dn),
-            Address.TEMPERATURE: round(device.temperature_c * TEMPERATURE_STEPS_PER_C),
-            Address.TICK_FREQUENCY_HIGH: 0,
+            RegisterAddress.SENSOR_WIDTH: device.width,
+            RegisterAddress.SENSOR_HEIGHT: device.height,
+            RegisterAddress.WIDTH: device.width,
+            RegisterAddress.HEIGHT: device.height,
+            RegisterAddress.FRAME_PERIOD_US: round(1e6 / device.frame_rate_hz),
+            RegisterAddress.BLACK_LEVEL: round(device.black_level_dn),
+            RegisterAddress.TEMPERATURE: round(device.temperature_c * TEMPERATURE_STEPS_PER_C),
+            RegisterAddress.TICK_FREQUENCY_HIGH: 0,
         }
         for address, value in numbers.items():
             self.write(address, value)
 
-    def readout(self, device: SimulatedDevice) -> Readout:
+    def readout(self, device: SimulatedDevice) -> FrameReadout:
         """Return the current readout of a device."""
-        return Readout(
-            x=self.read(Address.OFFSET_X),
-            y=self.read(Address.OFFSET_Y),
-            width=self.read(Address.WIDTH),
-            height=self.read(Address.HEIGHT),
-            binning=(self.read(Address.BINNING_HORIZONTAL), self.read(Address.BINNING_VERTICAL)),
-            black_level_change_dn=self.read(Address.BLACK_LEVEL) - round(device.black_level_dn),
-            mirrored=(self.read(Address.REVERSE_X) != 0, self.read(Address.REVERSE_Y) != 0),
+        return FrameReadout(
+            x=self.read(RegisterAddress.OFFSET_X),
+            y=self.read(RegisterAddress.OFFSET_Y),
+            width=self.read(RegisterAddress.WIDTH),
+            height=self.read(RegisterAddress.HEIGHT),
+            binning=(self.read(RegisterAddress.BINNING_HORIZONTAL), self.read(RegisterAddress.BINNING_VERTICAL)),
+            black_level_change_dn=self.read(RegisterAddress.BLACK_LEVEL) - round(device.black_level_dn),
+            mirrored=(self.read(RegisterAddress.REVERSE_X) != 0, self.read(RegisterAddress.REVERSE_Y) != 0),
         )
 
 
@@ -214,14 +214,14 @@ class Wanted:
     ----------
     exposure_us, gain_steps, format_code : int
         Values of the registers.
-    readout : Readout
+    readout : FrameReadout
         Readout of the sensor.
     """
 
     exposure_us: int
     gain_steps: int
     format_code: int
-    readout: Readout
+    readout: FrameReadout
 
 
 class FrameRenderer:

@@ -12,7 +12,7 @@ from pydantic import Field
 from ...chain import Chain, ImagingChain
 from ...core.disk import read_toml
 from ...core.errors import ConfigurationError
-from ...session.tables import FeatureName, NotNegative, Number, Positive, Table, Text, Whole
+from ...session.tables import ConfigurationTable, FeatureName, NotNegative, Number, Positive, Text, Whole
 from ...session.validation import validated
 from .device import SENSOR_BITS
 from .genicam import Naming, feature
@@ -24,7 +24,7 @@ _Serial = Annotated[Text, Field(max_length=15)]
 
 
 @dataclass(frozen=True)
-class BenchDevices:
+class SimulatedDevices:
     """The specimens on the simulated bench.
 
     Parameters
@@ -61,12 +61,12 @@ class BenchDevices:
     colour_filter: str | None = None
 
     @classmethod
-    def standard(cls, seed: int = 0) -> BenchDevices:
+    def standard(cls, seed: int = 0) -> SimulatedDevices:
         """Return a Manta G-505B and a meter with a scale error of 0.6 %, well within its 2 %."""
         return SimulatedBenchFile(seed=seed).devices()
 
 
-class _Camera(Table):
+class _Camera(ConfigurationTable):
     chain: Text = Field(
         default="manta-g505", description="a preset (labcdp presets) or the name of a chain file as text"
     )
@@ -84,12 +84,12 @@ class _Camera(Table):
     naming: Naming = Field(default="prosilica", description='"prosilica" for names as of a Manta, or "sfnc"')
 
 
-class _Meter(Table):
+class _Meter(ConfigurationTable):
     scale_rel: Number = Field(default=0.006, gt=-1, description="a fraction above -1, 0.01 for readings 1 % too high")
     repeatability_rel: NotNegative = Field(default=0.001, description="a fraction of at least 0")
 
 
-class SimulatedBenchFile(Table):
+class SimulatedBenchFile(ConfigurationTable):
     """Devices of a simulated bench; `load` reads them from TOML."""
 
     seed: Whole = Field(default=0, description="a whole number of at least 0")
@@ -116,7 +116,7 @@ class SimulatedBenchFile(Table):
             return self
         return self.model_copy(update={"sensor": {**self.sensor, "device_seed": device_seed}})
 
-    def devices(self, file: Path | None = None) -> BenchDevices:
+    def devices(self, file: Path | None = None) -> SimulatedDevices:
         """Make the devices; a chain file is sought in the folder of `file`, which this was read from.
 
         Raises
@@ -135,7 +135,7 @@ class SimulatedBenchFile(Table):
                 f"{chain.source}: the sensor has {camera.sensor.bits} bits and a black level of "
                 f"{camera.sensor.black_level_dn:g} DN: give {SENSOR_BITS} bits and {low} to {high} DN"
             )
-        return BenchDevices(
+        return SimulatedDevices(
             camera,
             MeterErrorModel(self.meter.scale_rel, self.meter.repeatability_rel, self.seed),
             seed=self.seed,

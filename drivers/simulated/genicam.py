@@ -28,7 +28,7 @@ _OF_THE_STANDARD: Final = {
 _LIMIT_MODE: Final = {"DeviceLinkThroughputLimitMode": {"register": 0x148, "choices": {"Off": 0, "On": 1}}}
 
 
-class Address(IntEnum):
+class RegisterAddress(IntEnum):
     """Addresses of registers that the simulated camera acts upon; most are those of Aravis' GigE Vision simulator."""
 
     VENDOR = 0x48
@@ -164,7 +164,7 @@ def writable_registers(table: FeatureTable, width: int, height: int) -> dict[int
                 before = registers.get(address, taken)
                 registers[address] = replace(taken, choices=taken.choices | before.choices)
     # Aravis' simulator allocates frames of these sizes.
-    sizes = {Address.WIDTH: Values(1, width), Address.HEIGHT: Values(1, height)}
+    sizes = {RegisterAddress.WIDTH: Values(1, width), RegisterAddress.HEIGHT: Values(1, height)}
     return registers | {address: size for address, size in sizes.items() if address in registers}
 
 
@@ -235,7 +235,7 @@ def _nodes(name: str, values: Mapping[str, Any]) -> str:
 
 def _address(values: Mapping[str, Any]) -> int:
     named = values["register"]
-    return int(Address[named]) if isinstance(named, str) else int(named)
+    return int(RegisterAddress[named]) if isinstance(named, str) else int(named)
 
 
 def _limits(values: Mapping[str, Any]) -> str:

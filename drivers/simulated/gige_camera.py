@@ -24,7 +24,7 @@ from ..device import Device, on_error
 from .commands import CameraFaults
 from .control import ControlPort, check_free, request_filter
 from .device import TEMPERATURE_STEPS_PER_C, FrameRenderer, FrameSource, Registers, SimulatedDevice, Wanted
-from .genicam import Address, description, writable_registers
+from .genicam import RegisterAddress, description, writable_registers
 from .last_packet import LastPacket
 
 __all__ = ["SimulatedDevice", "SimulatedGigECamera"]
@@ -151,7 +151,7 @@ class SimulatedGigECamera(Device):
         """Update the temperature register."""
         with self._lock:
             if self._temperature is not None and self._registers is not None:
-                self._registers.write(Address.TEMPERATURE, round(self._temperature() * TEMPERATURE_STEPS_PER_C))
+                self._registers.write(RegisterAddress.TEMPERATURE, round(self._temperature() * TEMPERATURE_STEPS_PER_C))
 
     def _switch_on(self) -> None:
         arv = aravis()
@@ -200,10 +200,10 @@ class SimulatedGigECamera(Device):
         if self._registers is None:
             return
         if wrong and self._right_height is None:
-            self._right_height = self._registers.read(Address.HEIGHT)
-            self._registers.write(Address.HEIGHT, max(1, self._right_height // 2))
+            self._right_height = self._registers.read(RegisterAddress.HEIGHT)
+            self._registers.write(RegisterAddress.HEIGHT, max(1, self._right_height // 2))
         elif not wrong and self._right_height is not None:
-            self._registers.write(Address.HEIGHT, self._right_height)
+            self._registers.write(RegisterAddress.HEIGHT, self._right_height)
             self._right_height = None
 
     def _fill(self, buffer: int, _user_data: int | None, exposure_us: int, gain_steps: int, format_code: int) -> None:
@@ -217,14 +217,14 @@ class SimulatedGigECamera(Device):
                 _log.exception("the simulated camera could not render a frame")
 
     def _send(self, registers: Registers, buffer: int, exposure_us: int, gain_steps: int, format_code: int) -> None:
-        triggered = registers.read(Address.TRIGGER_MODE) != 0
+        triggered = registers.read(RegisterAddress.TRIGGER_MODE) != 0
         payload, wanted = None, Wanted(exposure_us, gain_steps, format_code, registers.readout(self.device))
         if not (self._exposing_triggered(exposure_us) if triggered else self._exposing_freely(registers, exposure_us)):
             payload = self._renderer.next(wanted)
         if payload is None:
             self._lose(1.0)
             if triggered:  # repeat
-                registers.write(Address.TRIGGER_SOFTWARE, 1)
+                registers.write(RegisterAddress.TRIGGER_SOFTWARE, 1)
             return
         self._triggered_at_s = None
         self._exposed_at_s = time.monotonic()
@@ -248,7 +248,7 @@ class SimulatedGigECamera(Device):
     def _exposing_freely(self, registers: Registers, exposure_us: int) -> bool:
         """Whether a frame of this exposure cannot be ready yet; in between, the camera sends nothing."""
         now_s = time.monotonic()
-        period_us = registers.read(Address.FRAME_PERIOD_US)
+        period_us = registers.read(RegisterAddress.FRAME_PERIOD_US)
         # A stream has its own port.
         exposing = (registers.read(STREAM_CHANNEL_PORT), exposure_us)
         if exposing != self._exposing:

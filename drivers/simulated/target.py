@@ -10,12 +10,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from ...chain import ImagingChain, PatchScene
-from ...chain import Patch as ScenePatch
+from ...chain import ImagingChain, Patch, PatchScene
 from ...chain.sensor import Sensor
 from ...core.errors import ConfigurationError
 from ...core.photometry import electron_radiance_per_cd_m2
-from ...session import Patch, SessionConfiguration
+from ...session import PatchConfiguration, SessionConfiguration
 from .faults import Drifts
 from .noise import announced, running
 
@@ -135,8 +134,8 @@ class SimulatedTarget:
     def scene(self) -> PatchScene:
         """Return the scene in front of the camera, by nominal luminance."""
         height, width = self._chain.sensor.shape
-        surroundings: list[ScenePatch] = []
-        regions: list[ScenePatch] = []
+        surroundings: list[Patch] = []
+        regions: list[Patch] = []
         for name, (x0, y0, x1, y1) in self._bounds.items():
             if self.shown not in (None, name):
                 continue
@@ -144,7 +143,7 @@ class SimulatedTarget:
             for drawn, mx, my in ((surroundings, dx, dy), (regions, 0.0, 0.0)):
                 left, top = max(0, floor(x0 - mx)), max(0, floor(y0 - my))
                 right, bottom = min(width, ceil(x1 + mx)), min(height, ceil(y1 + my))
-                drawn.append(ScenePatch(left, top, right - left, bottom - top, self.luminance_cd_m2[name]))
+                drawn.append(Patch(left, top, right - left, bottom - top, self.luminance_cd_m2[name]))
         background_cd_m2 = _BACKGROUND_REL * min(self.luminance_cd_m2.values())
         # Regions last, so that margins of close neighbours do not cover them.
         patches = (*surroundings, *regions)
@@ -213,7 +212,7 @@ def _refuse_overlap(bounds: dict[str, tuple[float, float, float, float]]) -> Non
             )
 
 
-def _nominal_cd_m2(patch: Patch) -> float:
+def _nominal_cd_m2(patch: PatchConfiguration) -> float:
     if patch.nominal_luminance_cd_m2 is None:
         raise ConfigurationError(
             f"patch {patch.name!r} has no nominal_luminance_cd_m2: give one, the simulated target shows it"

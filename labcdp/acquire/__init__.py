@@ -2,7 +2,7 @@
 
 from .checks import CheckFinding
 from .control import AcquisitionStoppedError, Announced, Control, Progress
-from .live import Live, PatchNumbers
+from .live import LiveStatistics, PatchNumbers
 from .operator import AskedOperator, HandNeededError, Operator, Unattended
 from .plan import forget, remaining, repeated_units
 from .run import Left, acquire, is_complete
@@ -15,7 +15,7 @@ __all__ = [
     "Control",
     "HandNeededError",
     "Left",
-    "Live",
+    "LiveStatistics",
     "Operator",
     "PatchNumbers",
     "Progress",

@@ -18,7 +18,7 @@ from ..core.reading import Reading
 from ..drivers.camera import Camera, IncompleteFrameError, Refused, take_again
 from ..session import EventRecord, Session
 from ..session.records import REFUSED, SIMULATED_BENCH
-from .live import Live
+from .live import LiveStatistics
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Progress:
         Current step, for the user.
     done, total : int
         Frames or readings of this kind, including those recorded earlier.
-    live : Live or None
+    live : LiveStatistics or None
         Statistics of the current exposure, after each frame.
     note : str or None
         Message to the user.
@@ -42,7 +42,7 @@ class Progress:
     step: str
     done: int
     total: int
-    live: Live | None = None
+    live: LiveStatistics | None = None
     note: str | None = None
     reading: tuple[str, Reading] | None = None
 

@@ -18,7 +18,7 @@ from ..drivers.camera_settings import CameraSettings
 from ..session import EventRecord, FrameRecord, Role, Session
 from ..session.records import CAMERA_LOST, CAMERA_RETURNED, LOSSES
 from .control import Announced, Control, Progress, Report, Schedule, noted, take_frames
-from .live import Live, LiveNumbers, PatchNumbers, measured_black_dn
+from .live import LiveNumbers, LiveStatistics, PatchNumbers, measured_black_dn
 from .plan import frames_at, remaining, same_exposure, shown_patches
 from .recording import FrameWriter
 
@@ -155,7 +155,7 @@ class FrameRecorder:
                             self._note_gaps(writer.put_event)
                             done += 1
                             numbers = _above(black_dn, live[exposure_s].add(frame))
-                            now = Live(role, exposure_s, numbers, frame.temperature_c, finished=taken == n)
+                            now = LiveStatistics(role, exposure_s, numbers, frame.temperature_c, finished=taken == n)
                             self._report(Progress(f"{role} frames", done, total, now))
         except CameraLostError as error:
             self._session.add_event(CAMERA_LOST, {"reason": str(error)})

@@ -89,7 +89,7 @@ class PatchNumbers:
 
 
 @dataclass(frozen=True)
-class Live:
+class LiveStatistics:
     """Live statistics of the current exposure.
 
     Parameters

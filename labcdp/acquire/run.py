@@ -49,7 +49,7 @@ from .plan import (
     was_checked,
 )
 from .recording import ReadingRecorder
-from .search import LONGEST_S, Look, choose_exposures, measure_rates
+from .search import LONGEST_S, SearchFrame, choose_exposures, measure_rates
 
 _log = logging.getLogger(__name__)
 
@@ -205,9 +205,9 @@ def _search(
         if shown is not None:
             operator.show_patch(shown)
 
-        def look(exposure_s: float, regions: list[Roi] = regions) -> Look:
+        def look(exposure_s: float, regions: list[Roi] = regions) -> SearchFrame:
             looks.append(exposure_s)
-            return Look.at(frames.look(exposure_s), regions)
+            return SearchFrame.at(frames.look(exposure_s), regions)
 
         rates += measure_rates(look, [region.name for region in regions], range_s)
     choice = choose_exposures(rates, range_s)

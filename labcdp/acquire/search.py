@@ -37,7 +37,7 @@ _NARROW = 1.05
 
 
 @dataclass(frozen=True)
-class Level:
+class PatchLevel:
     """One patch in one frame.
 
     Parameters
@@ -51,31 +51,31 @@ class Level:
 
 
 @dataclass(frozen=True)
-class Look:
+class SearchFrame:
     """One frame of a search.
 
     Parameters
     ----------
     exposure_s : float
         Exposure in effect.
-    levels : mapping of str to Level
+    levels : mapping of str to PatchLevel
         Values by patch.
     saturation_dn : float
         Saturation.
     """
 
     exposure_s: float
-    levels: Mapping[str, Level]
+    levels: Mapping[str, PatchLevel]
     saturation_dn: float
 
     @classmethod
-    def at(cls, frame: Frame, regions: Sequence[Roi]) -> Look:
+    def at(cls, frame: Frame, regions: Sequence[Roi]) -> SearchFrame:
         """Evaluate the regions of a frame."""
         levels = {}
         for region in regions:
             values = region_values(frame, region)
             high = float(np.quantile(values, HIGH_QUANTILE, method="higher"))
-            levels[region.name] = Level(float(values.mean(dtype=np.float64)), high)
+            levels[region.name] = PatchLevel(float(values.mean(dtype=np.float64)), high)
         return cls(frame.exposure_s, levels, frame.saturation_dn)
 
 
@@ -118,7 +118,7 @@ class FoundExposures:
 
 
 def measure_rates(
-    look: Callable[[float], Look], patches: Sequence[str], range_s: tuple[float, float]
+    look: Callable[[float], SearchFrame], patches: Sequence[str], range_s: tuple[float, float]
 ) -> list[PatchRate]:
     """Measure how fast patches fill the span, from the shortest exposure upwards.
 
@@ -200,13 +200,13 @@ class _Trace:
 
     patch: str
     clear_s: float | None
-    clear: Level | None
+    clear: PatchLevel | None
     full_s: float | None
     black_dn: float
     span_dn: float
 
     @classmethod
-    def of(cls, looks: Sequence[Look], patch: str, black_dn: float) -> _Trace:
+    def of(cls, looks: Sequence[SearchFrame], patch: str, black_dn: float) -> _Trace:
         clear = [look for look in looks if _is_clear(look, patch)]
         full = [look.exposure_s for look in looks if not _is_clear(look, patch)]
         best = max(clear, key=lambda look: look.exposure_s, default=None)
@@ -238,11 +238,11 @@ class _Trace:
         return PatchRate(self.patch, max(self.share / self.clear_s, 0.0), max(high_ratio, 1.0))
 
 
-def _is_clear(look: Look, patch: str) -> bool:
+def _is_clear(look: SearchFrame, patch: str) -> bool:
     return look.levels[patch].high_dn <= HIGHEST_QUANTILE_SHARE * look.saturation_dn
 
 
-def _black_dn(looks: Sequence[Look]) -> float:
+def _black_dn(looks: Sequence[SearchFrame]) -> float:
     """Black by the line through the shortest and longest unsaturated frame of the darkest patch, else 0."""
     longest = max(looks, key=lambda look: look.exposure_s)
     darkest = min(longest.levels, key=lambda name: longest.levels[name].mean_dn)

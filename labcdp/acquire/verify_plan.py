@@ -9,7 +9,7 @@ from ..calibration import AnyCalibration, Calibration
 from ..calibration.frames.measure import plane_region
 from ..calibration.frames.statistics import MIN_NET_SIGNAL
 from ..core.errors import InputError
-from ..session import Patch, SessionConfiguration
+from ..session import PatchConfiguration, SessionConfiguration
 
 #: Largest share of saturation of a patch.
 _HIGHEST_SHARE = 0.9
@@ -87,7 +87,7 @@ def _luminances(configuration: SessionConfiguration, calibration: AnyCalibration
     return {name: value for name, value in both.items() if value is not None}
 
 
-def _exposures_s(calibration: AnyCalibration, patch: Patch, luminance_cd_m2: float) -> set[float]:
+def _exposures_s(calibration: AnyCalibration, patch: PatchConfiguration, luminance_cd_m2: float) -> set[float]:
     """Longest calibrated exposure that leaves headroom, for each plane; empty if a plane has no good signal at any."""
     planes = calibration.planes
     longest = [_exposure_s(plane, patch, luminance_cd_m2) for plane in planes]
@@ -95,7 +95,7 @@ def _exposures_s(calibration: AnyCalibration, patch: Patch, luminance_cd_m2: flo
     return set() if None in longest else fitting
 
 
-def _exposure_s(calibration: Calibration, patch: Patch, luminance_cd_m2: float) -> float | None:
+def _exposure_s(calibration: Calibration, patch: PatchConfiguration, luminance_cd_m2: float) -> float | None:
     seen_cd_m2 = luminance_cd_m2 * _relative_illuminance(calibration, patch)
     fitting = []
     for exposure_s in calibration.exposures_s:
@@ -107,7 +107,7 @@ def _exposure_s(calibration: Calibration, patch: Patch, luminance_cd_m2: float) 
     return max(fitting, default=None)
 
 
-def _relative_illuminance(calibration: Calibration, patch: Patch) -> float:
+def _relative_illuminance(calibration: Calibration, patch: PatchConfiguration) -> float:
     if calibration.vignetting is None:
         return 1.0
     height, width = calibration.state.image_shape

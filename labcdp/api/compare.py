@@ -14,8 +14,7 @@ from xarray import Dataset
 from ..calibration import AnyCalibration
 from ..core.errors import InputError
 from ..core.result import InputFile, html_table
-from ..evaluate.compare.compare import LUMINANCES, Question, compare_subjects
-from ..evaluate.compare.compare import Comparison as _Comparison
+from ..evaluate.compare.compare import LUMINANCES, ComparisonEvaluation, Question, compare_subjects
 from ..evaluate.compare.requirement import Judged
 from ..evaluate.compare.result import answer, compare_result
 from ..evaluate.compare.subject import picture_settings
@@ -124,7 +123,7 @@ class Comparison:
 
     Parameters
     ----------
-    comparison : labcdp.evaluate.compare.compare.Comparison
+    comparison : labcdp.evaluate.compare.compare.ComparisonEvaluation
         All results.
 
     Examples
@@ -136,7 +135,7 @@ class Comparison:
     (2, 2)
     """
 
-    comparison: _Comparison
+    comparison: ComparisonEvaluation
 
     @property
     def answer(self) -> str:

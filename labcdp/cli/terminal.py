@@ -21,7 +21,7 @@ from ..core.errors import printable
 from .commands import as_json
 
 if TYPE_CHECKING:
-    from ..acquire import Live, PatchNumbers
+    from ..acquire import LiveStatistics, PatchNumbers
     from ..acquire import Progress as AcquisitionProgress
     from ..core.result import Result
     from ..web.server import Address
@@ -34,7 +34,7 @@ _TEXT_WIDTH = 24
 _MOST_ROWS = 40
 
 
-def live_line(live: Live) -> str:
+def live_line(live: LiveStatistics) -> str:
     """Sum up an exposure: the extremes of its patches, with their names."""
     parts = [f"{live.role} {exposure_text(live.exposure_s)}"]
     if live.patches:
@@ -56,7 +56,7 @@ def live_line(live: Live) -> str:
     return ", ".join(parts)
 
 
-def live_table(live: Live) -> Table:
+def live_table(live: LiveStatistics) -> Table:
     """Make a rich table, one row a patch."""
     table = Table("patch", "mean DN", "saturated", "noise DN", "drift", box=None, padding=(0, 2, 0, 0))
     for column in table.columns[1:]:
@@ -68,7 +68,7 @@ def live_table(live: Live) -> Table:
     return table
 
 
-def _extremes(live: Live, key: Callable[[PatchNumbers], float]) -> tuple[PatchNumbers, PatchNumbers]:
+def _extremes(live: LiveStatistics, key: Callable[[PatchNumbers], float]) -> tuple[PatchNumbers, PatchNumbers]:
     return min(live.patches, key=key), max(live.patches, key=key)
 
 
@@ -172,7 +172,7 @@ class Bars(Progress):
 
     def __init__(self) -> None:
         columns = (TextColumn("{task.description:<16}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        self._numbers: Live | None = None
+        self._numbers: LiveStatistics | None = None
         self._ids: dict[str, TaskID] = {}
         super().__init__(*columns, console=Console(stderr=True))
 

@@ -8,12 +8,11 @@ from typing import Self
 from pydantic import Field, model_validator
 
 from ..core.disk import read_toml
-from ..session.tables import Contrast, Format, Fraction, NotNegative, Number, Positive, Text
-from ..session.tables import Table as Described
+from ..session.tables import ConfigurationTable, Contrast, Format, Fraction, NotNegative, Number, Positive, Text
 from ..session.validation import validated
 
 
-class Requirement(Described):
+class Requirement(ConfigurationTable):
     """A contrast that must be detected, over a range of luminances, at a temperature and behind a veil.
 
     Examples

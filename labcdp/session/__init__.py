@@ -3,7 +3,7 @@
 from .configuration import (
     ConditionsConfiguration,
     ContrastConfiguration,
-    Patch,
+    PatchConfiguration,
     PlanConfiguration,
     SessionConfiguration,
     TargetConfiguration,
@@ -23,7 +23,7 @@ __all__ = [
     "LensConfiguration",
     "MeterCertificate",
     "MeterConfiguration",
-    "Patch",
+    "PatchConfiguration",
     "PlanConfiguration",
     "ReadingRecord",
     "Role",

@@ -19,6 +19,7 @@ from ..core.roi import Roi
 from ..core.vignetting import Lens
 from .tables import (
     CameraConfiguration,
+    ConfigurationTable,
     Contrast,
     Count,
     Format,
@@ -30,7 +31,6 @@ from .tables import (
     Positive,
     Several,
     SourceConfiguration,
-    Table,
     Text,
     Whole,
 )
@@ -40,7 +40,7 @@ from .validation import validated
 SAME_EXPOSURE_REL = 0.01
 
 
-class Patch(Table):
+class PatchConfiguration(ConfigurationTable):
     """One patch of the target, given by a rectangle or by the corners of a polygon, in pixels.
 
     Examples
@@ -82,7 +82,7 @@ class Patch(Table):
         return Roi(self.name, self.corners)
 
 
-class TargetConfiguration(Table):
+class TargetConfiguration(ConfigurationTable):
     """The target and its patches.
 
     Examples
@@ -96,7 +96,7 @@ class TargetConfiguration(Table):
     presentation: Literal["together", "one by one"] = Field(
         "together", description='"together" for patches in one image, "one by one" for one patch after another'
     )
-    patches: tuple[Patch, ...] = Field(
+    patches: tuple[PatchConfiguration, ...] = Field(
         validation_alias="patch",
         serialization_alias="patch",
         min_length=1,
@@ -105,14 +105,14 @@ class TargetConfiguration(Table):
 
     @field_validator("patches")
     @classmethod
-    def _distinct(cls, patches: tuple[Patch, ...]) -> tuple[Patch, ...]:
+    def _distinct(cls, patches: tuple[PatchConfiguration, ...]) -> tuple[PatchConfiguration, ...]:
         name, times = Counter(patch.name for patch in patches).most_common(1)[0]
         if times > 1:
             raise ValueError(f"has the name {name!r} {times} times: give each patch its own name")
         return patches
 
 
-class ContrastConfiguration(Table):
+class ContrastConfiguration(ConfigurationTable):
     """A pair of patches, and their target contrast."""
 
     bright: Text = Field(description="the name of a patch")
@@ -123,7 +123,7 @@ class ContrastConfiguration(Table):
     cdp_limit: Fraction = Field(0.9, description='"90%", or a probability above 0, up to 1')
 
 
-class PlanConfiguration(Table):
+class PlanConfiguration(ConfigurationTable):
     """Frames and readings to record, and the drift above which a repetition is offered."""
 
     # Left out: searched before the first frame, so that each patch lies between black and saturation at one.
@@ -164,7 +164,7 @@ class PlanConfiguration(Table):
         return exposures_s
 
 
-class ConditionsConfiguration(Table):
+class ConditionsConfiguration(ConfigurationTable):
     """Geometry and surroundings, as a certificate states them.
 
     The distances and the measuring field say which part of a patch the meter sees.
@@ -180,14 +180,14 @@ class ConditionsConfiguration(Table):
     camera_condition: Text | None = Field(None, description="the condition of the camera as text")
 
 
-class PartyConfiguration(Table):
+class PartyConfiguration(ConfigurationTable):
     """A laboratory or its customer, as a certificate names them (ISO/IEC 17025:2017, 7.8.2)."""
 
     name: Text = Field(description="a name as text")
     address: Text = Field(description="an address as text")
 
 
-class GuessConfiguration(Table):
+class GuessConfiguration(ConfigurationTable):
     """Camera parameters as one would guess them without a calibration, to show what the guess costs."""
 
     quantum_efficiency: Fraction = Field(description="a fraction above 0, up to 1")
@@ -198,7 +198,7 @@ class GuessConfiguration(Table):
     dark_dn: NotNegative = Field(description="a dark value of at least 0 DN")
 
 
-class SessionConfiguration(Table):
+class SessionConfiguration(ConfigurationTable):
     """Configuration of a session before its first frame; `load` and `from_toml` read it, `to_toml` writes it.
 
     Examples

@@ -48,13 +48,13 @@ def _date_of_text(value: object) -> object:
 IsoDate = Annotated[date, Field(strict=True), BeforeValidator(_date_of_text)]
 
 
-class Table(BaseModel):
+class ConfigurationTable(BaseModel):
     """Base of the tables below: unchangeable, and unknown keys are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", validate_by_name=True, validate_by_alias=True)
 
 
-class SpectraConfiguration(Table):
+class SpectraConfiguration(ConfigurationTable):
     """Spectra from a file, and the file's name and hash: a session keeps them, so that it needs no other file."""
 
     file: Text = Field(description="the name of a CSV file as text")
@@ -96,7 +96,7 @@ Spectra = Annotated[SpectraConfiguration | None, BeforeValidator(_read)]
 EXPOSURE_JITTER_S = 5e-8
 
 
-class CameraConfiguration(Table):
+class CameraConfiguration(ConfigurationTable):
     """Which camera, and its pixel pitch; what is left out is not checked when the camera is opened.
 
     Examples
@@ -150,7 +150,7 @@ REFOCUS_REL = 0.005
 STABILITY_REL = 0.003
 
 
-class LensConfiguration(Table):
+class LensConfiguration(ConfigurationTable):
     """Which lens, and how it is set.
 
     Examples
@@ -171,7 +171,7 @@ class LensConfiguration(Table):
     transmittance: Fraction | None = Field(None, description="a fraction above 0, up to 1")
 
 
-class SourceConfiguration(Table):
+class SourceConfiguration(ConfigurationTable):
     """Light source of the target."""
 
     spectrum: Text = Field(description="the name of the spectrum as text, for example LED-B4")
@@ -204,7 +204,7 @@ _DAYS_OF_YEAR = 365.2425
 SERIAL_MODELS = ("LS-110", "LS-100")
 
 
-class MeterCertificate(Table):
+class MeterCertificate(ConfigurationTable):
     """Calibration certificate of a luminance meter: the link of its readings to the SI, with terms of ISO/IEC 17025."""
 
     number: Text = Field(description="the number of the certificate as text")
@@ -285,7 +285,7 @@ class MeterCertificate(Table):
         return (self.drift_rel_per_year or 0.0) * abs((time.date() - self.date).days) / _DAYS_OF_YEAR
 
 
-class MeterConfiguration(Table):
+class MeterConfiguration(ConfigurationTable):
     """Which luminance meter; it cannot report its serial number and calibration date.
 
     Readings come over a serial line, are typed by the user, or are in a CSV file. For the last two the accuracy of the

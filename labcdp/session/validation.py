@@ -127,7 +127,7 @@ def _fields(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def _nested(annotation: object) -> type[BaseModel] | None:
-    """Return the model inside an annotation such as ``tuple[Patch, ...]`` or ``Guess | None``."""
+    """Return the model inside an annotation such as ``tuple[PatchConfiguration, ...]`` or ``Guess | None``."""
     if isclass(annotation) and issubclass(annotation, BaseModel):
         return annotation
     return next((model for part in get_args(annotation) if (model := _nested(part))), None)

@@ -6,7 +6,7 @@ import pytest
 
 from labcdp.acquire import acquire
 from labcdp.core.clock import SimulatedClock
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.session import EventRecord, Session
 
 SHAPE = (400, 480)
@@ -64,7 +64,7 @@ def on_bench(tmp_path):
         session = Session.open(path, True, clock) if path.exists() else Session.create(path, configuration, clock=clock)
         with (
             session,
-            SimulatedBench(configuration, BenchDevices.standard(), SHAPE, clock=clock) as bench,
+            SimulatedBench(configuration, SimulatedDevices.standard(), SHAPE, clock=clock) as bench,
             bench.in_process_camera(patience_s=patience_s) as camera,
             bench.in_process_meter() as meter,
         ):

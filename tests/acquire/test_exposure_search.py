@@ -7,7 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.acquire.search import HIGHEST_SHARE, LOWEST_SHARE, Level, Look, PatchRate, choose_exposures, measure_rates
+from labcdp.acquire.search import (
+    HIGHEST_SHARE,
+    LOWEST_SHARE,
+    PatchLevel,
+    PatchRate,
+    SearchFrame,
+    choose_exposures,
+    measure_rates,
+)
 from labcdp.core.errors import DeviceError
 
 RANGE_S = (1e-5, 1.0)
@@ -46,7 +54,7 @@ def test_rates_of_a_linear_camera_are_found_in_few_frames(rates_dn_s, black_dn):
         """Take a frame of mean = black + rate t, cut off at saturation, with an exposure in whole microseconds."""
         looks.append(round(exposure_s, 6))
         means = {name: min(black_dn + rate * looks[-1], 4095.0) for name, rate in rates_dn_s.items()}
-        return Look(looks[-1], {name: Level(mean, mean) for name, mean in means.items()}, 4095.0)
+        return SearchFrame(looks[-1], {name: PatchLevel(mean, mean) for name, mean in means.items()}, 4095.0)
 
     found = measure_rates(look, list(rates_dn_s), RANGE_S)
     assert len(looks) <= 5 + 4 * len(rates_dn_s)

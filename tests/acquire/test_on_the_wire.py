@@ -12,7 +12,7 @@ from labcdp.drivers.camera import CameraSettingError
 from labcdp.drivers.camera_settings import Trigger
 from labcdp.drivers.meter import MeterReportedError
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.drivers.simulated.port import Fault
 from labcdp.session import Session
 
@@ -25,7 +25,7 @@ def on_the_wire(aravis, tmp_path):
 
     @contextmanager
     def opened(configuration, **of_the_meter):
-        bench, path = SimulatedBench(configuration, BenchDevices.standard(), SHAPE), tmp_path / "s"
+        bench, path = SimulatedBench(configuration, SimulatedDevices.standard(), SHAPE), tmp_path / "s"
         with (
             Session.open(path, True) if path.exists() else Session.create(path, configuration) as session,
             bench.gige_camera() as server,

@@ -12,7 +12,7 @@ import xarray
 import labcdp
 from labcdp.acquire import acquire, remaining
 from labcdp.core.clock import SimulatedClock
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.drivers.simulated.meter import MeterErrorModel
 from labcdp.session import Session
 
@@ -21,7 +21,7 @@ from .conftest import SHAPE
 
 @pytest.fixture(scope="module")
 def bench(small_configuration):
-    devices = replace(BenchDevices.standard(), meter=MeterErrorModel(0.006, 0.001, seed=2))
+    devices = replace(SimulatedDevices.standard(), meter=MeterErrorModel(0.006, 0.001, seed=2))
     with SimulatedBench(small_configuration, devices, SHAPE, clock=SimulatedClock()) as bench:
         yield bench
 

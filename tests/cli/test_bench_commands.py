@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from labcdp.chain import Chain
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.drivers.simulated.control import free_loopback_address
-from labcdp.drivers.simulated.genicam import Address
+from labcdp.drivers.simulated.genicam import RegisterAddress
 from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
 from labcdp.session import EventRecord, Session, SessionConfiguration, example_configuration, example_session
 
@@ -85,8 +85,8 @@ def odd_camera(aravis):
     device = SimulatedDevice("SIM-2", width=64, height=48)
     flat = SimpleNamespace(state=0, next_key=lambda: (0,), expose=lambda *_: np.full((48, 64), 100, np.uint16))
     with SimulatedGigECamera(device, flat, "127.0.0.2") as served:
-        served._registers.write(Address.MODEL, int.from_bytes(b"\xff\x1b[3", "big"))
-        served._registers.write(Address.MODEL + 4, int.from_bytes(b"1m\x07\0", "big"))
+        served._registers.write(RegisterAddress.MODEL, int.from_bytes(b"\xff\x1b[3", "big"))
+        served._registers.write(RegisterAddress.MODEL + 4, int.from_bytes(b"1m\x07\0", "big"))
         yield served
 
 
@@ -100,7 +100,7 @@ def test_snap_takes_a_frame_again_that_does_not_come_whole(start, running_bench)
     configuration = SessionConfiguration.from_toml(example_configuration(), "the demonstration's configuration")
     address = free_loopback_address()
     with (
-        SimulatedBench(configuration, BenchDevices.standard(seed=5)) as bench,
+        SimulatedBench(configuration, SimulatedDevices.standard(seed=5)) as bench,
         bench.gige_camera(address),
     ):
         bench.run_command("lose 50%")

@@ -23,7 +23,7 @@ from labcdp.drivers.camera import (
     FrameTimeoutError,
     IncompleteFrameError,
 )
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 
 from ..conftest import wait_until
 
@@ -49,14 +49,14 @@ def wired(patience_s=0.0):
 def in_process(configuration):
     """The simulated bench's camera without a network."""
     clock = SimulatedClock()
-    with SimulatedBench(configuration, BenchDevices.standard(seed=3), SHAPE, clock) as bench:
+    with SimulatedBench(configuration, SimulatedDevices.standard(seed=3), SHAPE, clock) as bench:
         yield Transport(bench.in_process_camera, bench.run_command, clock)
 
 
 @contextmanager
 def on_the_wire(configuration):
     """The same camera over GigE Vision on loopback."""
-    with SimulatedBench(configuration, BenchDevices.standard(seed=3), SHAPE) as bench, bench.gige_camera(ADDRESS):
+    with SimulatedBench(configuration, SimulatedDevices.standard(seed=3), SHAPE) as bench, bench.gige_camera(ADDRESS):
         yield Transport(wired, bench.run_command)
 
 

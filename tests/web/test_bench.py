@@ -16,22 +16,22 @@ from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.core.vignetting import Lens
 from labcdp.drivers.camera_settings import FeatureDescription
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.evaluate.picture.converter import make_converter
 from labcdp.regions import RectangleShape
 from labcdp.session import CameraConfiguration, EventRecord, MeterConfiguration, Session
 from labcdp.web.bench.day_log import DayLog
 from labcdp.web.bench.desk import MeterDesk
 from labcdp.web.bench.images import Focus, LiveImages, better_exposure_s
-from labcdp.web.bench.live import Live
+from labcdp.web.bench.live import LiveState
 from labcdp.web.bench.live_camera import LiveCamera
 from labcdp.web.bench.pair import TRACE_S, LiveMeasurements, PairPoint, Target, Trace, verdict
 from labcdp.web.bench.recording import PageOperator, Recording
 from labcdp.web.bench.tabs import CameraTab
 from labcdp.web.regions.display import DisplayScale
 from labcdp.web.regions.drawing import Drawing
-from labcdp.web.regions.figure import Picture
-from labcdp.web.regions.page import Page
+from labcdp.web.regions.figure import PictureView
+from labcdp.web.regions.page import RegionPage
 from labcdp.web.regions.page_image import PageImage
 
 from ..conftest import wait_until
@@ -41,7 +41,7 @@ from .test_drawing import workspace
 
 @pytest.fixture
 def bench(small_configuration):
-    with SimulatedBench(small_configuration, BenchDevices.standard(), (400, 480)) as bench:
+    with SimulatedBench(small_configuration, SimulatedDevices.standard(), (400, 480)) as bench:
         yield bench
 
 
@@ -190,7 +190,7 @@ def test_single_saturated_and_black_pixels_are_seen_in_a_picture_that_is_zoomed_
     dn = np.full((61, 80), 1000, np.uint16)
     dn[33, 47], dn[5, 8] = 3600, 0
     frame = frame_of(dn, 12, 3600, "Mono12", pattern)
-    picture = Picture(PageImage.live(frame, make_converter()))
+    picture = PictureView(PageImage.live(frame, make_converter()))
     picture.go_live()
     picture.show_scale(DisplayScale("gamma", 0.0, 4095))
     for width in (80, 20, 11):
@@ -276,7 +276,7 @@ def test_a_recording_waits_for_what_is_lost_until_it_is_stopped(bench, camera, s
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
 def test_many_messages_are_answered_with_one_refresh(tmp_path):
-    page = Page(workspace(tmp_path), Document())
+    page = RegionPage(workspace(tmp_path), Document())
     link = page.picture.link
     for n in range(100):
         link.view = [0.0, 0.0, 8.0 + n, 8.0, 4, 4]
@@ -291,7 +291,7 @@ def test_many_messages_are_answered_with_one_refresh(tmp_path):
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
 def test_a_number_that_a_field_does_not_take_stays_and_is_said_until_it_is_right(tmp_path):
-    page, taken = Page(workspace(tmp_path), Document()), list[float]()
+    page, taken = RegionPage(workspace(tmp_path), Document()), list[float]()
     empty = page.number("To", limits=(0.0, 9.0))
     for typed in ("5,0", ""):
         empty.widget.value = typed
@@ -324,9 +324,9 @@ def test_binning_is_refused_while_there_are_regions(tmp_path):
         FeatureDescription("Gamma", 1.0, writable=True),
     )
     camera = SimpleNamespace(
-        live=Live(features=features), read_features=lambda: None, request=lambda **settings: asked.append(settings)
+        live=LiveState(features=features), read_features=lambda: None, request=lambda **settings: asked.append(settings)
     )
-    page = Page(space, Document())
+    page = RegionPage(space, Document())
     tab = CameraTab(camera, page)
 
     def enter(text):

@@ -18,7 +18,7 @@ _ON_END = 1e-12
 
 
 #: Rates of the parts of a patch in photo-electrons per second, and shares of its pixels, along the last axis.
-Patch: TypeAlias = tuple[FloatArray, FloatArray]
+CellPatch: TypeAlias = tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class Cells:
 
     Parameters
     ----------
-    dark, bright : Patch
+    dark, bright : CellPatch
         Of each patch the mean photo-electrons per second of its parts, and the share of its pixels that are of each,
         both of shape (n, parts).
     zero : ndarray
@@ -36,8 +36,8 @@ class Cells:
         Ends of the interval of detected contrasts, fractions from 0 on.
     """
 
-    dark: Patch
-    bright: Patch
+    dark: CellPatch
+    bright: CellPatch
     zero: FloatArray
     low: FloatArray
     high: FloatArray

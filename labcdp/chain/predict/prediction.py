@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError
 from .camera import CameraModel
-from .pairs import Cells, ExactPrediction, Patch, evaluate_cells
+from .pairs import CellPatch, Cells, ExactPrediction, evaluate_cells
 from .value_table import value_table
 
 FloatArray = NDArray[np.float64]
@@ -57,7 +57,7 @@ class PatchRates:
                 )
             object.__setattr__(self, name, rates)
 
-    def patches(self) -> tuple[Patch, Patch]:
+    def patches(self) -> tuple[CellPatch, CellPatch]:
         """Dark and bright patch; of patches of one rate, the larger is the bright one."""
         dark, bright = np.asarray(self.dark_e_s), np.asarray(self.bright_e_s)
         if self.dark_shares is not None and self.bright_shares is not None:
@@ -119,7 +119,7 @@ def predict(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon
     return ExactPrediction(*(values.reshape(shape) for values in result))
 
 
-def _parts_of_cells(patch: Patch, shape: tuple[int, ...]) -> Patch:
+def _parts_of_cells(patch: CellPatch, shape: tuple[int, ...]) -> CellPatch:
     """Rates and shares of a patch of each cell, shape (cells, parts)."""
     rates, shares = (np.broadcast_to(array, (*shape, array.shape[-1])) for array in patch)
     return rates.reshape(-1, rates.shape[-1]), shares.reshape(-1, shares.shape[-1])

@@ -27,7 +27,7 @@ from ...core.frame import Frame
 from ...core.luminance import LuminanceMap
 from ...core.reading import Reading
 from ...core.result import Finding
-from ...session import FrameRecord, MeterCertificate, Patch, ReadingRecord, Session, SessionConfiguration
+from ...session import FrameRecord, MeterCertificate, PatchConfiguration, ReadingRecord, Session, SessionConfiguration
 from .corrections import (
     Corrections,
     DarkFrames,
@@ -290,7 +290,7 @@ def _observed_patches(
 
 def included(
     session: Session, without: Sequence[str], certificate: MeterCertificate | None
-) -> tuple[SessionConfiguration, list[Patch], list[ReadingRecord]]:
+) -> tuple[SessionConfiguration, list[PatchConfiguration], list[ReadingRecord]]:
     """Return configuration, patches and left-out readings of a session; parameters as for `observe_session`."""
     configuration = session.configuration
     if certificate is not None:

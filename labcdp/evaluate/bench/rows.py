@@ -21,7 +21,7 @@ from ...metrics import Cdp, ContrastDistribution, contrast_histogram
 from ...metrics.pair import bound_of_contrast, evaluate_regions
 from ...metrics.region import Bound, RegionPixels, evaluate_region
 from ...metrics.uncertainty import LimitVerdict, limit_verdict
-from ...session import ContrastConfiguration, FrameRecord, Patch
+from ...session import ContrastConfiguration, FrameRecord, PatchConfiguration
 from ..verdict import Verdict, cdp_verdict
 from .corrections import photons_per_cd_m2_s, pixel_area_m2
 from .observe import ObservedSession, frame_maps
@@ -34,7 +34,7 @@ class PatchRow:
 
     Parameters
     ----------
-    patch : Patch
+    patch : PatchConfiguration
         Its name, region and limits.
     reading : PatchReading
         By the meter.
@@ -49,7 +49,7 @@ class PatchRow:
         shows it.
     """
 
-    patch: Patch
+    patch: PatchConfiguration
     reading: PatchReading
     meter: MeterScale
     calculated_cd_m2: float | None
@@ -94,7 +94,7 @@ class PatchRow:
         return self.calibrated.luminance_cd_m2 / self.reading.luminance_cd_m2 - 1
 
 
-def patch_row(patch: Patch, observed: ObservedSession, calibration: AnyCalibration) -> PatchRow:
+def patch_row(patch: PatchConfiguration, observed: ObservedSession, calibration: AnyCalibration) -> PatchRow:
     """Evaluate a patch; raises CalibrationError if it reads 0."""
     calculated, bound = _calculated_cd_m2(observed, patch.name), _bound(observed, calibration, patch.name)
     if bound:
@@ -115,7 +115,9 @@ def _bound(observed: ObservedSession, calibration: AnyCalibration, name: str) ->
     return "" if not reasons else ">" if reasons == {"saturated"} else "?"
 
 
-def _bounded(observed: ObservedSession, calibration: AnyCalibration, patch: Patch, bound: Bound) -> PatchLuminance:
+def _bounded(
+    observed: ObservedSession, calibration: AnyCalibration, patch: PatchConfiguration, bound: Bound
+) -> PatchLuminance:
     """Return the luminance from which the shortest exposure is saturated; nan if that is not the reason."""
     name, at_least = patch.name, nan
     if bound == ">":

@@ -17,7 +17,7 @@ from ...core.disk import number_of, read_json, read_toml
 from ...core.disk.text import toml_text
 from ...core.errors import ConfigurationError, InputError, naming, printable
 from ...report.files import SCHEMA
-from ...session.tables import Number, Positive, Table
+from ...session.tables import ConfigurationTable, Number, Positive
 from ...session.validation import validated
 
 AnyChain = TypeVar("AnyChain", bound=Chain)
@@ -36,7 +36,7 @@ _MEASURED = dict(zip(_SAME, _SAME, strict=True)) | {
 _RESULTS = "EMVA 1288 results"
 
 
-class _Stated(Table):
+class _Stated(ConfigurationTable):
     """Values that data sheets state instead of a key of the sensor; see `_read_data_sheet`."""
 
     wavelength_nm: Number | None = Field(None, ge=100, le=3000, description="a wavelength from 100 to 3000 nm")

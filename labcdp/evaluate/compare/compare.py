@@ -92,7 +92,7 @@ class Compared:
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class ComparisonEvaluation:
     """Things of one kind, each compared with the first.
 
     Parameters
@@ -140,7 +140,7 @@ def compare_subjects(
     sources: Sequence[Any],
     question: Question | ImageSettings | None = None,
     progress: Callable[[int, int], None] | None = None,
-) -> Comparison:
+) -> ComparisonEvaluation:
     """Compare chains, maps, sessions, calibrations, characterisations or pictures; see `read_subjects`.
 
     Parameters
@@ -171,12 +171,14 @@ def compare_subjects(
         maps = [subject.content for subject in subjects]
         return _maps(subjects, maps, [analyse_map(dataset) for dataset in maps])
     rows, unmatched = _rows(subjects)
-    return Comparison(subjects, rows, unmatched, responsivity_grid(subjects) if kind == "calibration" else None)
+    return ComparisonEvaluation(
+        subjects, rows, unmatched, responsivity_grid(subjects) if kind == "calibration" else None
+    )
 
 
 def _chains(
     subjects: tuple[Subject, ...], question: Question, progress: Callable[[int, int], None] | None
-) -> Comparison:
+) -> ComparisonEvaluation:
     """Predict all chains without random numbers, on the optical axis, as `labcdp.Chain.sweep` does."""
     maps, analyses, changed, verdicts = [], [], [], []
     for subject in subjects:
@@ -216,8 +218,10 @@ def _refined(sweep: Sweep, dataset: Dataset) -> MapAnalysis:
     return analysis
 
 
-def _maps(subjects: tuple[Subject, ...], maps: Sequence[Dataset], analyses: Sequence[MapAnalysis]) -> Comparison:
-    return Comparison(subjects, grid=map_grid(subjects, maps), analyses=tuple(analyses))
+def _maps(
+    subjects: tuple[Subject, ...], maps: Sequence[Dataset], analyses: Sequence[MapAnalysis]
+) -> ComparisonEvaluation:
+    return ComparisonEvaluation(subjects, grid=map_grid(subjects, maps), analyses=tuple(analyses))
 
 
 def _rows(subjects: tuple[Subject, ...]) -> tuple[tuple[Compared, ...], tuple[str, ...]]:

@@ -20,7 +20,7 @@ from ..sweep.maps.axes import MapAxis
 from ..sweep.maps.labels import at_text, axis_label, axis_unit, ends_text, shown
 from ..sweep.maps.map import MapAnalysis
 from ..sweep.maps.view import COLOURS, SCALE, heat_map, set_scale
-from .compare import Comparison
+from .compare import ComparisonEvaluation
 from .grid import Grid
 from .result import answer
 
@@ -45,7 +45,7 @@ _METHOD = (
 )
 
 
-def _figures(comparison: Comparison) -> list[ReportFigure]:
+def _figures(comparison: ComparisonEvaluation) -> list[ReportFigure]:
     """Draw a comparison, unless its axis has no numbers."""
     grid, names = comparison.grid, [printable(subject.name) for subject in comparison.subjects]
     if grid is not None and not grid.axes[-1].numeric:
@@ -60,7 +60,7 @@ def _figures(comparison: Comparison) -> list[ReportFigure]:
     return [reported("comparison", figure, caption, f"Comparison of {', '.join(names)}.")]
 
 
-def _values(comparison: Comparison, names: Sequence[str], simulated: str) -> Figure:
+def _values(comparison: ComparisonEvaluation, names: Sequence[str], simulated: str) -> Figure:
     """Draw CDPs with their intervals, or z of all differences where there is no CDP."""
     quantities = list(dict.fromkeys(row.first.quantity for row in comparison.rows))[:_MOST_ROWS]
     probabilities = {row.first.quantity for row in comparison.rows if row.first.probability}
@@ -95,7 +95,7 @@ def _values(comparison: Comparison, names: Sequence[str], simulated: str) -> Fig
     return figure
 
 
-def _curves(grid: Grid, names: Sequence[str], comparison: Comparison, simulated: str) -> Figure:
+def _curves(grid: Grid, names: Sequence[str], comparison: ComparisonEvaluation, simulated: str) -> Figure:
     """Draw overlaid curves, and below them the differences from the first with their intervals."""
     axis, sections = grid.axes[-1], _sections(grid)
     several = len(sections) > 1
@@ -171,7 +171,7 @@ def _maps(grid: Grid, names: Sequence[str], simulated: str) -> Figure:
     return figure
 
 
-def comparison_files(comparison: Comparison, result: Result) -> dict[str, bytes]:
+def comparison_files(comparison: ComparisonEvaluation, result: Result) -> dict[str, bytes]:
     """Return the files of a comparison as `result_files` does."""
     said, tables = answer(comparison), {table.name: table for table in result.tables}
     axes = [axis.name for axis in comparison.grid.axes] if comparison.grid else []
@@ -200,7 +200,7 @@ def comparison_files(comparison: Comparison, result: Result) -> dict[str, bytes]
     return result_files(result, page)
 
 
-def _cards(comparison: Comparison) -> Iterator[Card]:
+def _cards(comparison: ComparisonEvaluation) -> Iterator[Card]:
     """Yield the verdict on or usable range of each map, or how many values differ and which one most."""
     if comparison.judged:
         for judgement in comparison.judged[:_MOST_CARDS]:

@@ -20,7 +20,7 @@ from ..sweep.maps.labels import at_text, axis_name, axis_unit, ends_text, plain
 from ..sweep.maps.map import MapAnalysis
 from ..sweep.maps.ranges import End
 from ..sweep.maps.result import ranges_table
-from .compare import Compared, Comparison
+from .compare import Compared, ComparisonEvaluation
 from .grid import Grid
 from .requirement import requirement_table
 from .subject import Subject
@@ -41,7 +41,7 @@ _KNOWN = 0.01
 _ASYMMETRY = 1e-6
 
 
-def compare_result(comparison: Comparison) -> Result:
+def compare_result(comparison: ComparisonEvaluation) -> Result:
     """Return all numbers of a comparison; its first findings are the answer."""
     names = [subject.name for subject in comparison.subjects]
     required = None if comparison.question is None else comparison.question.requirement
@@ -65,7 +65,7 @@ def compare_result(comparison: Comparison) -> Result:
     )
 
 
-def answer(comparison: Comparison) -> tuple[Finding, ...]:
+def answer(comparison: ComparisonEvaluation) -> tuple[Finding, ...]:
     """Return what a comparison says in a sentence or two."""
     differences = [row.difference for row in comparison.rows] + list(
         comparison.grid.differences if comparison.grid else ()
@@ -89,7 +89,7 @@ def answer(comparison: Comparison) -> tuple[Finding, ...]:
     return (info("compare-differ", row.name, **values, **of, z=float(row.difference.z)),)
 
 
-def _responsivity_findings(comparison: Comparison, grid: Grid) -> Iterator[Finding]:
+def _responsivity_findings(comparison: ComparisonEvaluation, grid: Grid) -> Iterator[Finding]:
     for subject, difference in zip(comparison.subjects[1:], grid.differences, strict=True):
         share = float(np.mean(difference.significant))
         code = "compare-responsivity-differs" if share else "compare-responsivity-agrees"
@@ -97,7 +97,7 @@ def _responsivity_findings(comparison: Comparison, grid: Grid) -> Iterator[Findi
         yield info(code, subject.name, first=comparison.subjects[0].name, share=share, ends=ends)
 
 
-def _map_findings(comparison: Comparison) -> Iterator[Finding]:
+def _map_findings(comparison: ComparisonEvaluation) -> Iterator[Finding]:
     grid = comparison.grid
     assert grid is not None
     axis, analyses = grid.axes[-1], comparison.analyses
@@ -123,7 +123,7 @@ def _map_findings(comparison: Comparison) -> Iterator[Finding]:
             yield info("compare-maps-significant", subject.name, first=comparison.subjects[0].name, share=share)
 
 
-def _lows(comparison: Comparison, axis: MapAxis, range_index: int, n_digits: int) -> Iterator[str]:
+def _lows(comparison: ComparisonEvaluation, axis: MapAxis, range_index: int, n_digits: int) -> Iterator[str]:
     """Yield the lowest usable luminance of each, the darkest first; for two also the ratio if both are known."""
     all_intervals = [
         (subject.name, analysis.usable_ranges[range_index].intervals) for subject, analysis in _pairs(comparison)
@@ -145,7 +145,7 @@ def _lows(comparison: Comparison, axis: MapAxis, range_index: int, n_digits: int
     yield from (f"nowhere for {name}" for name, intervals in all_intervals if not intervals)
 
 
-def _spans(comparison: Comparison, axis: MapAxis) -> Iterator[str]:
+def _spans(comparison: ComparisonEvaluation, axis: MapAxis) -> Iterator[str]:
     """Yield the widest range of each, the widest first."""
     widest = [(subject.name, analysis.widest and analysis.widest.widest) for subject, analysis in _pairs(comparison)]
     usable = sorted(((name, width) for name, width in widest if width), key=lambda pair: pair[1].width, reverse=True)
@@ -154,7 +154,7 @@ def _spans(comparison: Comparison, axis: MapAxis) -> Iterator[str]:
     yield from (f"none for {name}" for name, width in widest if not width)
 
 
-def _pairs(comparison: Comparison) -> Iterator[tuple[Subject, MapAnalysis]]:
+def _pairs(comparison: ComparisonEvaluation) -> Iterator[tuple[Subject, MapAnalysis]]:
     return zip(comparison.subjects, comparison.analyses, strict=True)
 
 
@@ -164,7 +164,7 @@ def _bound(end: End) -> bool:
     return end.is_open or not (end.resolved or above - below < _KNOWN * above)
 
 
-def _assumptions(comparison: Comparison) -> Iterator[Finding]:
+def _assumptions(comparison: ComparisonEvaluation) -> Iterator[Finding]:
     if comparison.analyses and comparison.grid is not None:
         differing = [name for name in comparison.settings if name in _QUESTION]
         if differing:
@@ -199,7 +199,7 @@ def _doubts(picture: Subject) -> Iterator[Finding]:
             yield Finding(finding["code"], finding["severity"], finding["subject"], values)
 
 
-def _scene_of_another_contrast(comparison: Comparison) -> Iterator[Finding]:
+def _scene_of_another_contrast(comparison: ComparisonEvaluation) -> Iterator[Finding]:
     """Name scenes without the contrast to detect: CDP is high where a camera measures their contrast wrongly."""
     question = comparison.question
     if question is None or any(a.parameter == "scene.contrast" for a in question.axes):
@@ -246,7 +246,7 @@ def _differs(row: Compared) -> str:
     return "unknown" if np.isnan(row.difference.z) else "yes" if row.difference.significant else "no"
 
 
-def _differences(comparison: Comparison) -> Iterator[Table]:
+def _differences(comparison: ComparisonEvaluation) -> Iterator[Table]:
     if not comparison.rows:
         return
     first, *others = (subject.name for subject in comparison.subjects)
@@ -265,7 +265,7 @@ def _differences(comparison: Comparison) -> Iterator[Table]:
     yield Table.of_items("differences", f"Values and their difference from {first}", columns, comparison.rows)
 
 
-def _ranges(comparison: Comparison) -> Iterator[Table]:
+def _ranges(comparison: ComparisonEvaluation) -> Iterator[Table]:
     """Yield the usable ranges of all maps in one table."""
     if comparison.grid is not None and any(analysis.usable_ranges for analysis in comparison.analyses):
         axes = {axis.name: axis for axis in comparison.grid.axes}
@@ -297,7 +297,7 @@ def _cells(grid: Grid | None, names: list[str]) -> Iterator[Table]:
     yield Table("curves", f"{grid.quantity} at all places", tuple(column for column, _ in columns), data, detail=True)
 
 
-def _settings(comparison: Comparison) -> Iterator[Table]:
+def _settings(comparison: ComparisonEvaluation) -> Iterator[Table]:
     rows = [(name, *texts) for name, texts in comparison.settings.items()]
     if rows:
         subjects = [

@@ -12,13 +12,13 @@ from ...core.disk import read_toml
 from ...core.errors import InputError
 from ...core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
 from ...files.transfer import as_encoding
-from ...session.tables import Format, Fraction, NotNegative, Number, Positive, Table, Text
+from ...session.tables import ConfigurationTable, Format, Fraction, NotNegative, Number, Positive, Text
 from ...session.validation import validated
 
 Bits = Annotated[int, Field(strict=True, ge=1, le=16)]
 
 
-class CameraSpecification(Table):
+class CameraSpecification(ConfigurationTable):
     """Parameters that convert DN to luminance without a calibration, by section 3 of the 2018 thesis.
 
     Keys of the TOML file are the fields; with units in their names.

@@ -17,7 +17,7 @@ from ...report.text import finding_text
 from ..bench.observe import ObservedSession
 from ..bench.session import mismatch
 from .estimate import require_monochrome, twin_parameters
-from .pair import Judgement, PairRequest, TwinPair, compare_pair
+from .pair import PairRequest, TwinJudgement, TwinPair, compare_pair
 from .parameters import TwinParameters
 from .prediction import TwinRegion, predict_regions
 from .regions import TwinPatch, regions_of, seen_regions, twin_patch
@@ -71,7 +71,7 @@ class TwinEvaluation:
         rest = [pair for pair in self.pairs if pair.contrast not in self.contrasts]
         return [*groups, rest] if rest else groups
 
-    def count(self, judgement: Judgement) -> int:
+    def count(self, judgement: TwinJudgement) -> int:
         """Return the number of pairs of a judgement."""
         return sum(pair.judgement == judgement for pair in self.pairs)
 

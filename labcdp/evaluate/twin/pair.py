@@ -18,7 +18,7 @@ from .prediction import RegionPrediction, added, scaled
 from .regions import MeasuredPatch
 
 #: Whether prediction and measurement agree.
-Judgement: TypeAlias = Literal["agree", "differ", "undecided"]
+TwinJudgement: TypeAlias = Literal["agree", "differ", "undecided"]
 #: Share of all possible CDPs inside the joint interval above which a pair is undecided.
 _VACUOUS = 0.8
 #: Weight of one outlying pixel, as in the intervals of `labcdp.metrics`.
@@ -103,7 +103,7 @@ class TwinPair(PairRequest):
         return max(self.predicted - half_width, 0.0), min(self.predicted + half_width, 1.0)
 
     @property
-    def judgement(self) -> Judgement:
+    def judgement(self) -> TwinJudgement:
         """Whether 0 lies in the 95 % interval of the difference; undecided if nearly any CDP would agree.
 
         This depends only on the prediction, so leaving out undecided pairs does not bias the result.

@@ -20,7 +20,7 @@ from ..html import small_plot, table, table_row, text
 from ..regions.measurements import PairEvaluation, is_saturated
 from ..regions.wording import contrast_text
 from .day_log import MeterReading
-from .live import Live
+from .live import LiveState
 from .live_bench import LiveBench
 from .pair import LIMIT, TRACE_S, PairPoint, PlannedPair, pair_points
 
@@ -230,7 +230,7 @@ def reading_table(bench: LiveBench) -> str:
     return table(heads, rows, "dense readings") + rest
 
 
-def settings_text(live: Live) -> str:
+def settings_text(live: LiveState) -> str:
     """Write the settings in effect, as read back."""
     settings = live.settings
     if settings is None:

@@ -13,7 +13,7 @@ from ...drivers.camera_settings import CameraSettings, FeatureDescription
 
 
 @dataclass(frozen=True)
-class Live:
+class LiveState:
     """State of a live camera.
 
     Parameters

@@ -13,7 +13,7 @@ from ...core.errors import LabcdpError
 from ...core.frame import Frame
 from ...drivers.camera import Camera, CameraSettingError, IncompleteFrameError
 from ...drivers.camera_settings import CameraSetup, FeatureValue, Region
-from .live import Live, WatchedCamera
+from .live import LiveState, WatchedCamera
 
 #: Pause before a lost, busy or absent camera is looked for again.
 _RETRY_S = 1.0
@@ -59,7 +59,7 @@ class LiveCamera:
     ) -> None:
         self._camera, self._prepare, self._stated = camera, prepare, stated
         self._changed = Condition()
-        self._live = Live()
+        self._live = LiveState()
         self._n_viewers = 0
         #: Held by who has the camera open.
         self._open = Lock()
@@ -72,7 +72,7 @@ class LiveCamera:
         self._thread = Thread(target=self._run, name="live camera", daemon=True)
 
     @property
-    def live(self) -> Live:
+    def live(self) -> LiveState:
         """Current state."""
         return self._live
 
@@ -109,7 +109,7 @@ class LiveCamera:
         """Read all features before the next frame, into `Live.features`."""
         self._features_asked = True
 
-    def wait_for_news(self, seen: Live, timeout_s: float) -> Live:
+    def wait_for_news(self, seen: LiveState, timeout_s: float) -> LiveState:
         """Return the state once it differs from `seen`, or when the time is over."""
         with self._changed:
             self._changed.wait_for(lambda: self._live is not seen or self._ended, timeout_s)

@@ -16,7 +16,7 @@ from ..html import TINTED, beside, column, row
 from ..numbers import parted
 from ..regions.display import DisplayScale
 from ..regions.map_tab import MapTab
-from ..regions.page import Page
+from ..regions.page import RegionPage
 from ..regions.wording import warning_list
 from .cards import (
     Plots,
@@ -30,7 +30,7 @@ from .cards import (
     settings_text,
     uncalibrated_note,
 )
-from .live import Live
+from .live import LiveState
 from .live_bench import LiveBench
 from .pair import Target
 from .tabs import CameraTab, RecordTab
@@ -73,7 +73,7 @@ class BenchPage:
 
     def __init__(self, bench: LiveBench, document: Any) -> None:
         self.bench = bench
-        self._page = page = Page(bench.workspace, document, self._may_change)
+        self._page = page = RegionPage(bench.workspace, document, self._may_change)
         self._picture, self._highest = page.picture, bench.images.highest_dn
         self._picture.show_scale(DisplayScale("gamma", 0.0, self._highest))
         self._picture.go_live()
@@ -297,7 +297,7 @@ class BenchPage:
         self._page.settle(self._contrast)
         self._page.show_number(self._epsilon, float(f"{100 * target.epsilon:.9g}"))
 
-    def _show_settings(self, live: Live) -> None:
+    def _show_settings(self, live: LiveState) -> None:
         """Show what was read back when it has changed, also by another program, or when a request was rejected."""
         settings, shown = live.settings, (live.settings, live.error)
         if settings is None or shown == self._shown:

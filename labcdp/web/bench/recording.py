@@ -17,7 +17,7 @@ from ...core.errors import InputError, LabcdpError, SessionError
 from ...drivers.meter import Meter
 from ...regions import Shape
 from ...session import Session, SessionConfiguration
-from ...session.configuration import Patch, TargetConfiguration
+from ...session.configuration import PatchConfiguration, TargetConfiguration
 from .live_camera import PATIENCE_S, LiveCamera
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Question:
+class OperatorQuestion:
     """Question to the person at the bench.
 
     Parameters
@@ -65,18 +65,18 @@ class PageOperator(AskedOperator):
         super().__init__(hands)
         self._changed = changed
         self._condition = Condition()
-        self._question: Question | None = None
+        self._question: OperatorQuestion | None = None
         self._answer: str | None = None
         self._ended = False
         #: What was found so far, until it is dismissed.
         self.findings: tuple[str, ...] = ()
 
     @property
-    def question(self) -> Question | None:
+    def question(self) -> OperatorQuestion | None:
         """The question that waits for its answer."""
         return self._question
 
-    def answer(self, question: Question | None, text: str) -> None:
+    def answer(self, question: OperatorQuestion | None, text: str) -> None:
         """Answer a question; a late answer to an earlier one is ignored."""
         with self._condition:
             if question is not None and question is self._question:
@@ -91,11 +91,11 @@ class PageOperator(AskedOperator):
 
     def request(self, step: str, patch: str = "") -> None:
         """Ask for a step."""
-        self._ask(Question(f"{step}.", patch))
+        self._ask(OperatorQuestion(f"{step}.", patch))
 
     def typed(self, prompt: str) -> str:
         """Ask for a text, as the reading of a meter without an interface."""
-        return self._ask(Question(prompt, answers=(), typed=True))
+        return self._ask(OperatorQuestion(prompt, answers=(), typed=True))
 
     def find(self, text: str) -> None:
         """Show a finding until it is dismissed."""
@@ -107,10 +107,10 @@ class PageOperator(AskedOperator):
         """Ask whether to repeat a unit; the findings stay on the page."""
         for finding in findings:
             self.find(f"{what}: {finding}")
-        question = Question(f"Fix it and repeat the {what}?", "", ("Repeat", "Keep"), tuple(map(str, findings)))
+        question = OperatorQuestion(f"Fix it and repeat the {what}?", "", ("Repeat", "Keep"), tuple(map(str, findings)))
         return self._ask(question) == "Repeat"
 
-    def _ask(self, question: Question) -> str:
+    def _ask(self, question: OperatorQuestion) -> str:
         with self._condition:
             self._question, self._answer = question, None
         self._changed()
@@ -281,7 +281,7 @@ def with_regions(plan: SessionConfiguration, shapes: Sequence[Shape]) -> Session
             old = known.get(roi.name)
             nominal, limits = (None, None) if old is None else (old.nominal_luminance_cd_m2, old.limits_cd_m2)
             if old is None or old.region() != roi:
-                old = Patch(
+                old = PatchConfiguration(
                     name=roi.name, roi=None, corners=roi.corners, nominal_luminance_cd_m2=nominal, limits_cd_m2=None
                 )
             drawn.append(old.model_copy(update={"limits_cd_m2": shape.limits_cd_m2 or limits}))

@@ -13,11 +13,11 @@ from ...core.errors import InputError
 from ...drivers.camera_settings import CameraSettings, FeatureDescription, FeatureValue, Region
 from ..html import column, items, row, table, table_row, text
 from ..numbers import coordinates
-from ..regions.page import Page
-from .live import Live
+from ..regions.page import RegionPage
+from .live import LiveState
 from .live_bench import LiveBench
 from .live_camera import LiveCamera
-from .recording import Question
+from .recording import OperatorQuestion
 
 #: Features that change how many pixels of the sensor are one of the image.
 _OF_PIXELS = ("Binning", "Decimation")
@@ -32,11 +32,11 @@ class CameraTab:
     ----------
     camera : LiveCamera
         The camera.
-    page : Page
+    page : RegionPage
         The tab of the browser.
     """
 
-    def __init__(self, camera: LiveCamera, page: Page) -> None:
+    def __init__(self, camera: LiveCamera, page: RegionPage) -> None:
         self._camera, self._page = camera, page
         self._settings, self._table = page.text("camera settings"), page.text("features")
         field, request = page.field, camera.request
@@ -61,7 +61,7 @@ class CameraTab:
             self._table,
         )
 
-    def update(self, live: Live, settings_text: str) -> None:
+    def update(self, live: LiveState, settings_text: str) -> None:
         """Refresh the tab."""
         self._settings.object = settings_text
         settings, features = live.settings, live.features
@@ -164,11 +164,11 @@ class RecordTab:
     ----------
     bench : LiveBench
         State common to all tabs.
-    page : Page
+    page : RegionPage
         The tab of the browser.
     """
 
-    def __init__(self, bench: LiveBench, page: Page) -> None:
+    def __init__(self, bench: LiveBench, page: RegionPage) -> None:
         self._bench = bench
         name = f"session-{datetime.now():%Y%m%d-%H%M}"
         self._name = page.field("TextInput", "Folder of the session", value=name, width=250)
@@ -181,7 +181,7 @@ class RecordTab:
         self._again = page.field("Select", "Record again", options=[_NOTHING], width=180)
         self._dismiss = page.button("Dismiss findings", self._forget_findings, visible=False)
         self._state = page.text("record")
-        self._asked: Question | None = None
+        self._asked: OperatorQuestion | None = None
         page.on_enter(self._typed, lambda words: self._answer(words) if words else None)
         for widget in (self._first, self._typed):
             widget.jscallback(visible=_FOCUS)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from .display import DisplayScale, Tile, any_in_blocks, tile
 from .drawing import Drawing
-from .messages import Link, state_of
+from .messages import PageLink, state_of
 from .page_image import PageImage
 from .wording import PROPOSAL_COLOUR
 
@@ -48,7 +48,7 @@ _RED_LIGHT = 2
 _GREY = tuple(f"#{level:02x}{level:02x}{level:02x}" for level in range(256))
 
 
-class Picture:
+class PictureView:
     """The picture of one tab.
 
     Parameters
@@ -59,7 +59,7 @@ class Picture:
 
     def __init__(self, image: PageImage) -> None:
         self.image = image
-        self.link = Link()
+        self.link = PageLink()
         self.scale = DisplayScale.of(image.display)
         #: Whether luminance is shown, and whether images follow each other.
         self.of_light, self._live = False, False

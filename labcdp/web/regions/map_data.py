@@ -135,7 +135,7 @@ def profile(image: PageImage, ends: Sequence[float]) -> Profile:
 
 
 @dataclass(frozen=True)
-class Isoline:
+class LuminanceIsoline:
     """A line of equal luminance.
 
     Parameters
@@ -151,7 +151,7 @@ class Isoline:
     y: NDArray[np.float64]
 
 
-def isolines(luminance: LuminanceMap, levels: Sequence[float]) -> list[Isoline]:
+def isolines(luminance: LuminanceMap, levels: Sequence[float]) -> list[LuminanceIsoline]:
     """Find the lines of equal luminance in a map, reduced to at most 500 points a side; invalid pixels count too."""
     from contourpy import contour_generator
 
@@ -162,7 +162,7 @@ def isolines(luminance: LuminanceMap, levels: Sequence[float]) -> list[Isoline]:
     generator = contour_generator(z=values)
     pixels = side * luminance.step
     return [
-        Isoline(level, pixels * (line[:, 0] + 0.5), pixels * (line[:, 1] + 0.5))
+        LuminanceIsoline(level, pixels * (line[:, 0] + 0.5), pixels * (line[:, 1] + 0.5))
         for level in levels
         for line in map(np.asarray, generator.lines(level))
         if len(line) >= _SHORTEST

@@ -22,7 +22,7 @@ _MOST_CORNERS = 10_000
 _Kind = TypeVar("_Kind")
 
 
-class Link(DataModel):  # type: ignore[misc]
+class PageLink(DataModel):  # type: ignore[misc]
     """Messages between the page and labcdp.
 
     Parameters

@@ -14,7 +14,7 @@ import panel as pn
 from ...core.errors import LabcdpError
 from .. import html
 from ..html import column, row, style
-from .figure import Picture
+from .figure import PictureView
 from .messages import parse_message
 from .shapes import METHOD_NAMES, default_size_px, propose
 from .widgets import Widgets
@@ -38,7 +38,7 @@ _MESSAGES_STYLE = {
 }
 
 
-class Page(Widgets):
+class RegionPage(Widgets):
     """One tab.
 
     Parameters
@@ -56,7 +56,7 @@ class Page(Widgets):
         self.document = document
         #: Called after each refresh, in this order.
         self.after_update: list[Callable[[], None]] = []
-        self.picture = Picture(workspace.image)
+        self.picture = PictureView(workspace.image)
         #: What is done soon, and whether a refresh waits for the browser.
         self._due: set[Callable[[], None]] = set()
         #: What is said before and after what the workspace says: kind and text of each message.

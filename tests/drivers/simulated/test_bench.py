@@ -14,7 +14,7 @@ from labcdp.drivers.aravis import gvcp
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera_settings import FREE_RUN, SOFTWARE_TRIGGER
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.drivers.simulated.devices import SimulatedBenchFile
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
 from labcdp.drivers.simulated.noise_kernel import QUANTILES, draw_exposure
@@ -27,7 +27,7 @@ SHAPE = (400, 480)
 
 @pytest.fixture
 def bench(small_configuration):
-    return SimulatedBench(small_configuration, BenchDevices.standard(seed=3), SHAPE)
+    return SimulatedBench(small_configuration, SimulatedDevices.standard(seed=3), SHAPE)
 
 
 @pytest.mark.parametrize(("exposure_s", "gain_db"), [(0.002, 0.0), (0.001, 6.0)])
@@ -38,7 +38,7 @@ def test_camera_and_meter_agree_on_the_target_on_the_wire_and_in_this_process(
     specimen = Chain.load("manta-g505").camera()
     chain = replace(specimen, sensor=replace(specimen.sensor, width=480, height=400))
     vignetting = Cos4Vignetting(6e-3, 3.45e-6).relative_illuminance(SHAPE)
-    again = SimulatedBench(small_configuration, BenchDevices.standard(seed=3), SHAPE)
+    again = SimulatedBench(small_configuration, SimulatedDevices.standard(seed=3), SHAPE)
     with bench.gige_camera(), AravisCamera("127.0.0.1") as wire, again.in_process_camera() as local:
         for camera in (wire, local):
             camera.configure(exposure_s=exposure_s, gain_db=gain_db)
@@ -70,7 +70,7 @@ def test_no_frame_of_full_size_is_lost(aravis, n, trigger):
     A computer that is busy otherwise may lose packets; what counts is that it says which frames it took again.
     """
     configuration, sent = SessionConfiguration.from_toml(example_configuration(), "example"), []
-    with SimulatedBench(configuration, BenchDevices.standard()).gige_camera(), AravisCamera("127.0.0.1") as camera:
+    with SimulatedBench(configuration, SimulatedDevices.standard()).gige_camera(), AravisCamera("127.0.0.1") as camera:
         camera.configure(exposure_s=0.002, pixel_format="Mono12", trigger=trigger)
         for frame in camera.grab(n, on_refused=lambda error: sent.append(error.frame_id)):
             sent.append(frame.frame_id)
@@ -122,7 +122,7 @@ def arv_tool(*words):
 
 
 def test_arv_tool_and_arv_camera_test_see_and_stream_it_at_its_full_size(aravis_tools):
-    bench = SimulatedBench(SessionConfiguration.from_toml(example_configuration(), "x"), BenchDevices.standard())
+    bench = SimulatedBench(SessionConfiguration.from_toml(example_configuration(), "x"), SimulatedDevices.standard())
     with bench.gige_camera():
         assert "Allied Vision Technologies-Manta_G-505B-SIM-503363706 (127.0.0.1)" in arv_tool()
         values = arv_tool("control", "DeviceTemperature", "ExposureTimeAbs=2000", "PixelFormat")
@@ -180,7 +180,7 @@ def test_a_series_that_is_continued_on_another_bench_has_the_noise_that_it_would
     brightest = max(small_configuration.target.patches, key=lambda patch: patch.nominal_luminance_cd_m2).name
 
     def taken(series, first, n, n_before=0):
-        bench = SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE)
+        bench = SimulatedBench(small_configuration, SimulatedDevices.standard(), SHAPE)
         with bench.in_process_camera() as camera, bench.in_process_meter(0) as meter:
             bench.point_meter(brightest)
             camera.configure(exposure_s=0.001)

@@ -15,7 +15,7 @@ import pytest
 from labcdp.core.errors import LabcdpError
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.minolta_ls.meter import MinoltaLS110
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.session import Session
 
 from ...conftest import wait_until
@@ -48,7 +48,7 @@ OTHERS = [case for case in product(FAULTS, STATES) if case not in CASES]
 @pytest.fixture(scope="module")
 def bench(aravis, small_configuration):
     """The bench, whose devices are switched on and off for each cell."""
-    with SimulatedBench(small_configuration, BenchDevices.standard(), SHAPE) as bench:
+    with SimulatedBench(small_configuration, SimulatedDevices.standard(), SHAPE) as bench:
         bench.server, bench.pty = bench.gige_camera(), bench.pty_meter(0.05)
         with bench.server, bench.pty, devices(bench) as (camera, meter):  # what is made once stays
             a_frame(camera)

@@ -5,7 +5,7 @@ import pytest
 from labcdp.core.clock import SimulatedClock
 from labcdp.core.errors import DeviceError
 from labcdp.drivers.meter import MeterError
-from labcdp.drivers.simulated.bench import BenchDevices, SimulatedBench
+from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.drivers.simulated.commands import EXAMPLES, Command, parse_command, parse_schedule
 
 
@@ -52,7 +52,7 @@ at 7.5 h meter remote
 def test_a_night_passes_in_no_time(small_configuration):
     """8 h with a frame and a reading every two minutes; every frame is whole, or its fault is known."""
     clock = SimulatedClock()
-    bench = SimulatedBench(small_configuration, BenchDevices.standard(seed=3), (400, 480), clock)
+    bench = SimulatedBench(small_configuration, SimulatedDevices.standard(seed=3), (400, 480), clock)
     patch = next(p.region() for p in small_configuration.target.patches if p.name == "upper left")
     bench.schedule(NIGHT)
     refused, failures, frames, readings = [], [], [], []

@@ -30,7 +30,7 @@ _MAD_OF_NORMAL = 0.6744897501960817
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class SectionCurve:
     """Usable points of a section of a map along an axis.
 
     Parameters
@@ -50,7 +50,7 @@ class Curve:
     cdp: NDArray[np.float64]
 
     @classmethod
-    def of(cls, section: Dataset, axis: MapAxis, variable: str, margin: float) -> Curve:
+    def of(cls, section: Dataset, axis: MapAxis, variable: str, margin: float) -> SectionCurve:
         """Take the points of a section at which a variable is known and the bright region is not saturated for good.
 
         Parameters

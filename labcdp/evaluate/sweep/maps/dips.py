@@ -10,7 +10,7 @@ from statistics import NormalDist
 import numpy as np
 
 from .axes import At, CdpMap
-from .curve import Curve
+from .curve import SectionCurve
 
 #: Chance that noise alone makes a fall anywhere in a map; a dip needs a rise, too, so that its chance is less.
 _FALSE_ALARM = 0.01
@@ -98,11 +98,11 @@ def find_dips(
     return tuple(
         dip
         for at, section in cdp_map.sections(axis, variable=variable)
-        for dip in _dips_of(Curve.of(section, along, variable, margin), at, variable, sorted(expected))
+        for dip in _dips_of(SectionCurve.of(section, along, variable, margin), at, variable, sorted(expected))
     )
 
 
-def _dips_of(curve: Curve, at: At, variable: str, expected: list[float]) -> list[SnrDip]:
+def _dips_of(curve: SectionCurve, at: At, variable: str, expected: list[float]) -> list[SnrDip]:
     falls, last_fall_ends = _falls(curve)
     explained = _explained(curve, falls, expected)
     if falls and not last_fall_ends and len(falls) - 1 not in explained:
@@ -134,7 +134,7 @@ def _dips_of(curve: Curve, at: At, variable: str, expected: list[float]) -> list
     return dips
 
 
-def _falls(curve: Curve) -> tuple[list[tuple[int, int]], bool]:
+def _falls(curve: SectionCurve) -> tuple[list[tuple[int, int]], bool]:
     """Find indices of peak and trough of each fall, and whether the last one is followed by a rise."""
     falls: list[tuple[int, int]] = []
     peak, trough = 0, None
@@ -152,7 +152,7 @@ def _falls(curve: Curve) -> tuple[list[tuple[int, int]], bool]:
     return falls if trough is None else [*falls, (peak, trough)], trough is None
 
 
-def _explained(curve: Curve, falls: list[tuple[int, int]], expected: list[float]) -> dict[int, float]:
+def _explained(curve: SectionCurve, falls: list[tuple[int, int]], expected: list[float]) -> dict[int, float]:
     """Assign falls to expected luminances, the nearest pairs first, each once."""
     scaled = curve.axis.scaled
     pairs = []
@@ -172,7 +172,7 @@ def _explained(curve: Curve, falls: list[tuple[int, int]], expected: list[float]
     return explained
 
 
-def _last_edge(curve: Curve, peak: int, trough: int) -> int:
+def _last_edge(curve: SectionCurve, peak: int, trough: int) -> int:
     """Where the last fall before a trough begins: after the peak there may have been another, too shallow for a dip."""
     edge = trough
     for i in range(trough - 1, peak - 1, -1):
@@ -183,7 +183,9 @@ def _last_edge(curve: Curve, peak: int, trough: int) -> int:
     return edge
 
 
-def _joined(curve: Curve, falls: list[tuple[int, int]], explained: dict[int, float]) -> list[tuple[int, int, float]]:
+def _joined(
+    curve: SectionCurve, falls: list[tuple[int, int]], explained: dict[int, float]
+) -> list[tuple[int, int, float]]:
     """Peak, trough and expected luminance of each dip: falls that begin before the recovery from another are joined."""
     joined: list[tuple[int, int, float]] = []
     for number, (peak, trough) in enumerate(falls):
@@ -199,7 +201,7 @@ def _joined(curve: Curve, falls: list[tuple[int, int]], explained: dict[int, flo
     return joined
 
 
-def _recovery(curve: Curve, peak: int, trough: int) -> float:
+def _recovery(curve: SectionCurve, peak: int, trough: int) -> float:
     """Where the curve is again as high as at the peak, between grid points; nan if nowhere."""
     goal = curve.values[peak]
     above = np.flatnonzero(curve.values[trough + 1 :] >= goal)

@@ -33,7 +33,7 @@ from ....report.html import interactive
 from ....report.layout import Script
 from .axes import At, MapAxis, known_values
 from .labels import axis_label, shown, variable_column
-from .view import MISSING, USABLE, WIDEST, Line, MapView, cell_edges
+from .view import MISSING, USABLE, WIDEST, DrawnCurve, MapView, cell_edges
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -152,7 +152,7 @@ def _curves(view: MapView) -> LayoutDOM:
     return gridplot([[above], [below]], sizing_mode="stretch_width", merge_tools=True, toolbar_location="below")
 
 
-def _draw_lines(plot: Any, view: MapView, lines: Sequence[Line]) -> dict[str, list[GlyphRenderer]]:
+def _draw_lines(plot: Any, view: MapView, lines: Sequence[DrawnCurve]) -> dict[str, list[GlyphRenderer]]:
     """Draw curves with their bands and dips; return what belongs to each text of the legend."""
     axis, drawn = view.map.x, dict[str, list[GlyphRenderer]]()
     places = shown(axis, axis.values) if axis.numeric else _factors(axis)

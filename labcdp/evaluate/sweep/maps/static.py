@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from ....report import drawing
 from .axes import At
 from .labels import axis_label, conditions, title
-from .view import SCALE, USABLE, WIDEST, Line, MapView, drawn_places, heat_map, set_scale
+from .view import SCALE, USABLE, WIDEST, DrawnCurve, MapView, drawn_places, heat_map, set_scale
 
 #: Line styles of the isolines, in rising order of their levels.
 _STYLES: tuple[Any, ...] = (":", "-", "--")
@@ -100,7 +100,7 @@ def _curves(view: MapView) -> Figure:
     return figure
 
 
-def _draw_curves(panel: Axes, view: MapView, lines: Sequence[Line]) -> None:
+def _draw_curves(panel: Axes, view: MapView, lines: Sequence[DrawnCurve]) -> None:
     places, band = drawn_places(view.map.x), "95 % intervals"
     for line in lines:
         marker = "o" if view.marked else ""

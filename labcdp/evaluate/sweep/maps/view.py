@@ -42,7 +42,7 @@ Points = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class DrawnCurve:
     """A curve.
 
     Parameters
@@ -128,7 +128,7 @@ class MapView:
             ends = shown(x, [usable.widest.low, usable.widest.high]), shown(y, [usable.at[y.name]] * 2)
             yield f"widest usable range, {ends_text(x, usable.widest)} {axis_unit(x)}".rstrip(), None, [ends]
 
-    def curves(self) -> tuple[list[Line], list[Line]]:
+    def curves(self) -> tuple[list[DrawnCurve], list[DrawnCurve]]:
         """Return the curves of CDP and of SNR: of a single section all SNR, of several the one searched for dips.
 
         The SNR does not depend on the contrast to be detected.
@@ -149,7 +149,7 @@ class MapView:
                 snr.append(self._line(at, section, name, *of_name))
         return cdp, snr
 
-    def _line(self, at: At, section: Dataset, variable: str, text: str, colour: str) -> Line:
+    def _line(self, at: At, section: Dataset, variable: str, text: str, colour: str) -> DrawnCurve:
         values = section[variable].values
         if variable in SNR_VARIABLES:
             # As EMVA 1288 gives SNR; nan where it is 0 or there is no noise.
@@ -158,7 +158,7 @@ class MapView:
         places = [dip.position for dip in self.analysis.dips if dip.at == at and dip.variable == variable]
         rings = values[np.searchsorted(self.map.x.values, places)] if places else np.array([])
         band = _band(section) if variable == "cdp" else None
-        return Line(text, colour, section, values, band, (shown(self.map.x, np.array(places)), rings))
+        return DrawnCurve(text, colour, section, values, band, (shown(self.map.x, np.array(places)), rings))
 
 
 def drawn_places(axis: MapAxis) -> Any:

@@ -12,7 +12,7 @@ import labcdp.drivers
 from labcdp.core.errors import InputError
 from labcdp.core.photometry import as_quantum_efficiency
 from labcdp.evaluate.picture.camera_specification import CameraSpecification
-from labcdp.session.tables import Table
+from labcdp.session.tables import ConfigurationTable
 
 #: Where a truth value may be taken for one number, or for numbers in lists and tables.
 VALUES = (True, [True, True], [[400, True], [500, 0.5]], {"a": True}, {"a": [True, True]})
@@ -23,7 +23,7 @@ def tables():
     for package in (labcdp.session, labcdp.evaluate, importlib.import_module("labcdp.drivers.simulated")):
         for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
             importlib.import_module(module.name)
-    kinds = [Table]
+    kinds = [ConfigurationTable]
     for kind in kinds:
         kinds += kind.__subclasses__()
     return kinds[1:]

@@ -161,7 +161,7 @@ class Connection:
 
     def open(self) -> None:
         """Find the camera and take control of it."""
-        link = connect(_found(self._selector))
+        link = connect(_find_camera(self._selector))
         self._closed.clear()
         self._changes, self.gaps = (), ()
         self._link = link
@@ -271,7 +271,7 @@ class _NotRestoredError(CameraSettingError):
     """The camera answers as before, but not with its settings of before."""
 
 
-def _found(selector: str | None) -> CameraInfo:
+def _find_camera(selector: str | None) -> CameraInfo:
     """Find the camera: at its address, mostly within milliseconds, else by Aravis' search of about a second."""
     try:
         address = str(IPv4Address(selector or ""))

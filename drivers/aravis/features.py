@@ -49,7 +49,7 @@ def write_feature(camera: Any, name: str, value: FeatureValue) -> FeatureValue:
         raise CameraSettingError(f"{said} cannot be written", "it is read-only, or locked by another setting")
     kind = _kind(node)
     if not kind:
-        raise CameraSettingError(f"{said} is {_what(node)}, so it has no value that could be written")
+        raise CameraSettingError(f"{said} is {_kind_text(node)}, so it has no value that could be written")
     accepted, words = _KINDS[kind]
     if kind == "GcEnumeration":
         entries = camera.dup_available_enumerations_as_strings(name)
@@ -227,7 +227,9 @@ def _kind(node: Any) -> str:
 def _value(node: Any) -> FeatureValue:
     kind = _kind(node)
     if not kind:
-        raise CameraSettingError(f"feature {node.get_name()} is {_what(node)}, so it has no value that could be read")
+        raise CameraSettingError(
+            f"feature {node.get_name()} is {_kind_text(node)}, so it has no value that could be read"
+        )
     if kind == "GcEnumeration":
         return device_text(node.get_string_value)
     get = getattr(aravis(), kind).get_value
@@ -237,7 +239,7 @@ def _value(node: Any) -> FeatureValue:
     return value
 
 
-def _what(node: Any) -> str:
+def _kind_text(node: Any) -> str:
     return "a " + type(node).__name__.removeprefix("Gc").removesuffix("Node").lower()
 
 

@@ -72,7 +72,7 @@ class MeterLine:
         modes: Sequence[str],
         transcript: TranscriptWriter | None,
     ) -> None:
-        self._place, self._port, self._clock = port, port.name, port.clock
+        self._serial_port, self._port, self._clock = port, port.name, port.clock
         self._timeout_s = timeout_s
         # Longest time of a command without a loss.
         self._longest_s = timeout_s * (attempts + 1)
@@ -103,7 +103,7 @@ class MeterLine:
         InputError
             If the transcript cannot be created.
         """
-        self._serial = connect(self._place, self._timeout_s)
+        self._serial = connect(self._serial_port, self._timeout_s)
         with on_error(self.close):
             if self._transcript is not None:
                 self._transcript.open()
@@ -179,7 +179,7 @@ class MeterLine:
             self._disconnect()
             try:
                 with on_error(self._disconnect):
-                    self._serial = connect(self._place, self._timeout_s)
+                    self._serial = connect(self._serial_port, self._timeout_s)
                     for command in self._modes:
                         self._exchange(command, parse_acknowledgement, until_s)
             except (MeterNotFoundError, MeterLostError, MeterTimeoutError, MeterProtocolError) as still:
@@ -224,7 +224,7 @@ class MeterLine:
         except serial.SerialTimeoutException as error:
             self._n_due -= 1
             held = "the meter holds its RTS line low: check power, and RTS and CTS of the cable, or leave rtscts out"
-            problem = held if self._place.rtscts else "the port accepts no more data: check the adapter"
+            problem = held if self._serial_port.rtscts else "the port accepts no more data: check the adapter"
             raise MeterTimeoutError(f"{self._port}", f"{command} cannot be sent, {problem}") from error
         except (OSError, termios.error) as error:
             self._disconnect()

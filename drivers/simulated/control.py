@@ -132,7 +132,7 @@ class ControlPort:
         self._address = address
         self._requests = requests
         self._others = {_inode(listener) for listener, _ in self._bound()}
-        self._own: set[int] = set()
+        self._inodes: set[int] = set()
 
     def find(self) -> None:
         """Find the sockets that the camera has opened, filter their requests, and let only loopback discover it.
@@ -142,7 +142,7 @@ class ControlPort:
         """
         for listener, address in self._bound():
             if _inode(listener) not in self._others:
-                self._own.add(_inode(listener))
+                self._inodes.add(_inode(listener))
                 packet_filter.attach(listener, self._requests)
                 if address == "255.255.255.255":
                     listener.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
@@ -150,7 +150,7 @@ class ControlPort:
     def deaf(self, deaf: bool) -> None:
         """Drop all requests, or receive them again."""
         for listener, _ in self._bound():
-            if _inode(listener) in self._own:
+            if _inode(listener) in self._inodes:
                 packet_filter.attach(listener, DROP if deaf else self._requests)
 
     @staticmethod

@@ -75,7 +75,7 @@ class FrameRecorder:
         self._n_losses = sum(isinstance(r, EventRecord) and r.kind in LOSSES for r in session.records)
         self._numbers: dict[tuple[Role, str | None, float], LiveNumbers] = {}
 
-    def look(self, exposure_s: float) -> Frame:
+    def preview(self, exposure_s: float) -> Frame:
         """Take a frame without recording it; raises AcquisitionStoppedError."""
         self.configure(exposure_s)
         refused = noted(self._session.add_event, {"role": "light", "exposure_s": exposure_s})
@@ -85,9 +85,9 @@ class FrameRecorder:
         with closing(take_frames(self._camera, 1, None, self._control, refused)) as frames:
             return self._session.configuration.camera.stated(next(frames))
 
-    def glance(self, exposure_s: float, shown: str | None) -> tuple[PatchNumbers, ...]:
+    def preview_statistics(self, exposure_s: float, shown: str | None) -> tuple[PatchNumbers, ...]:
         """Return the statistics of the visible patches in a frame that is not recorded; none of a replay."""
-        return LiveNumbers(self.regions(shown)).add(self.look(exposure_s)) if self._camera.live else ()
+        return LiveNumbers(self.regions(shown)).add(self.preview(exposure_s)) if self._camera.live else ()
 
     def warm_up(self) -> None:
         """Take frames without recording them until the camera's temperature is steady, or for the planned time."""

@@ -207,7 +207,7 @@ def _search(
 
         def look(exposure_s: float, regions: list[Roi] = regions) -> SearchFrame:
             looks.append(exposure_s)
-            return SearchFrame.at(frames.look(exposure_s), regions)
+            return SearchFrame.at(frames.preview(exposure_s), regions)
 
         rates += measure_rates(look, [region.name for region in regions], range_s)
     choice = choose_exposures(rates, range_s)
@@ -319,7 +319,7 @@ class _Run:
             return
         again = True
         while again:
-            numbers = self._frames.glance(min(exposures_s), shown)
+            numbers = self._frames.preview_statistics(min(exposures_s), shown)
             findings = [finding for finding in check_levels(numbers) if finding.check == "saturation"]
             if shown is None and len(findings) == len(self._frames.regions(shown)):
                 raise InputError(

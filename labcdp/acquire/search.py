@@ -135,11 +135,11 @@ def measure_rates(
         Shortest and longest exposure.
     """
     shortest_s, longest_s = range_s
-    looks = [look(shortest_s), look(min(2 * shortest_s, longest_s))]
+    frames = [look(shortest_s), look(min(2 * shortest_s, longest_s))]
     given_up: set[str] = set()
     while True:
-        black_dn = _black_dn(looks)
-        traces = [_Trace.of(looks, name, black_dn) for name in patches]
+        black_dn = _black_dn(frames)
+        traces = [_Trace.of(frames, name, black_dn) for name in patches]
         open_ones = [trace for trace in traces if trace.patch not in given_up and trace.wants_more(longest_s)]
         if not open_ones:
             return [trace.rate() for trace in traces]
@@ -148,8 +148,8 @@ def measure_rates(
         if exposure_s is None:
             given_up.add(brightest.patch)
         else:
-            looks.append(look(exposure_s))
-            if looks[-1].exposure_s in [earlier.exposure_s for earlier in looks[:-1]]:
+            frames.append(look(exposure_s))
+            if frames[-1].exposure_s in [earlier.exposure_s for earlier in frames[:-1]]:
                 # The camera has no exposure in between.
                 given_up.add(brightest.patch)
 
@@ -206,12 +206,12 @@ class _Trace:
     span_dn: float
 
     @classmethod
-    def of(cls, looks: Sequence[SearchFrame], patch: str, black_dn: float) -> _Trace:
-        clear = [look for look in looks if _is_clear(look, patch)]
-        full = [look.exposure_s for look in looks if not _is_clear(look, patch)]
-        best = max(clear, key=lambda look: look.exposure_s, default=None)
+    def of(cls, frames: Sequence[SearchFrame], patch: str, black_dn: float) -> _Trace:
+        clear = [frame for frame in frames if _is_clear(frame, patch)]
+        full = [frame.exposure_s for frame in frames if not _is_clear(frame, patch)]
+        best = max(clear, key=lambda frame: frame.exposure_s, default=None)
         clear_s, level = (None, None) if best is None else (best.exposure_s, best.levels[patch])
-        return cls(patch, clear_s, level, min(full, default=None), black_dn, looks[0].saturation_dn - black_dn)
+        return cls(patch, clear_s, level, min(full, default=None), black_dn, frames[0].saturation_dn - black_dn)
 
     @property
     def share(self) -> float:
@@ -238,18 +238,18 @@ class _Trace:
         return PatchRate(self.patch, max(self.share / self.clear_s, 0.0), max(high_ratio, 1.0))
 
 
-def _is_clear(look: SearchFrame, patch: str) -> bool:
-    return look.levels[patch].high_dn <= HIGHEST_QUANTILE_SHARE * look.saturation_dn
+def _is_clear(frame: SearchFrame, patch: str) -> bool:
+    return frame.levels[patch].high_dn <= HIGHEST_QUANTILE_SHARE * frame.saturation_dn
 
 
-def _black_dn(looks: Sequence[SearchFrame]) -> float:
+def _black_dn(frames: Sequence[SearchFrame]) -> float:
     """Black by the line through the shortest and longest unsaturated frame of the darkest patch, else 0."""
-    longest = max(looks, key=lambda look: look.exposure_s)
+    longest = max(frames, key=lambda frame: frame.exposure_s)
     darkest = min(longest.levels, key=lambda name: longest.levels[name].mean_dn)
-    clear = sorted((look for look in looks if _is_clear(look, darkest)), key=lambda look: look.exposure_s)
+    clear = sorted((frame for frame in frames if _is_clear(frame, darkest)), key=lambda frame: frame.exposure_s)
     if len(clear) < 2 or clear[-1].exposure_s < _NARROW * clear[0].exposure_s:
         return 0.0
-    (t0, m0), (t1, m1) = ((look.exposure_s, look.levels[darkest].mean_dn) for look in (clear[0], clear[-1]))
+    (t0, m0), (t1, m1) = ((frame.exposure_s, frame.levels[darkest].mean_dn) for frame in (clear[0], clear[-1]))
     return m0 - (m1 - m0) / (t1 - t0) * t0
 
 

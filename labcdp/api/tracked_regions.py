@@ -98,7 +98,7 @@ class TrackedRegions:
         known: Any = float(reference) if isinstance(reference, int | float) else reference
         targets = None if request.values is None else tuple(request.values)
         common = VideoSettings(targets, epsilon=request.epsilon, reference_by=reference_by, selection=self.selection)
-        settings = [self._of(pair, common, known) for pair in self.pairs]
+        settings = [self._settings_for(pair, common, known) for pair in self.pairs]
         results = list(zip(self.pairs, self.evaluate(settings, progress), strict=True))
         datasets = [
             _named_pair(pair_result, request.values is None)
@@ -122,7 +122,7 @@ class TrackedRegions:
         """Table for notebooks."""
         return regions_table(self.rois, self.name)
 
-    def _of(self, pair: tuple[str, str], common: VideoSettings, reference: Any) -> VideoSettings:
+    def _settings_for(self, pair: tuple[str, str], common: VideoSettings, reference: Any) -> VideoSettings:
         """Return the settings for one pair."""
         named = {roi.name: roi for roi in self.rois}
         rois = named[pair[0]], named[pair[1]]

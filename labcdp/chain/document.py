@@ -106,7 +106,7 @@ def changed(document: dict[str, Any], values: _Table) -> dict[str, Any]:
             if sizes.setdefault(field, value) != value:
                 raise ConfigurationError(f"{field} is {sizes[field]!r} and {value!r}: scene and sensor have one size")
             path = f"scene.{field}"
-        for target, last in _places(document, path):
+        for target, last in _tables_at(document, path):
             # None means the default, as in a file that leaves the key out.
             target.pop(last, None)
             if value is not None:
@@ -114,7 +114,7 @@ def changed(document: dict[str, Any], values: _Table) -> dict[str, Any]:
     return document
 
 
-def _places(document: dict[str, Any], path: str) -> list[tuple[dict[str, Any], str]]:
+def _tables_at(document: dict[str, Any], path: str) -> list[tuple[dict[str, Any], str]]:
     """Return the tables that a path such as ``sensor.bits`` refers to, and the key in them."""
     table, _, key = path.partition(".")
     if not key and table in TEXTS:

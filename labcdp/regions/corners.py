@@ -47,12 +47,12 @@ def without_outliers(corners: Corners) -> Corners:
     """Leave out corners that are not where all others put them, the farthest one first: a detector may be wrong."""
     corners = corners.copy()
     while known(corners).sum() > _DOUBTED // 2:
-        far = np.argsort(-_off(corners, expected(corners)), axis=None, kind="stable")[:_DOUBTED]
+        far = np.argsort(-_deviations(corners, expected(corners)), axis=None, kind="stable")[:_DOUBTED]
         off = {}
         for at in zip(*np.unravel_index(far, corners.shape[:2]), strict=True):
             others = corners.copy()
             others[at] = np.nan
-            off[at] = _off(corners, expected(others))[at]
+            off[at] = _deviations(corners, expected(others))[at]
         worst = max(off, key=lambda at: off[at])
         if off[worst] <= _OUTLIER:
             break
@@ -84,7 +84,7 @@ def expected(corners: Corners) -> Corners:
     return np.asarray(plane + np.where(where[..., None], near(3), near(5)))
 
 
-def _off(corners: Corners, places: Corners) -> NDArray[np.float64]:
+def _deviations(corners: Corners, places: Corners) -> NDArray[np.float64]:
     """Return how far corners are from where they should be, in sides of the smallest square there; 0 if unknown."""
     side_px = np.linalg.norm(_sides(corners), axis=-1).min(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):

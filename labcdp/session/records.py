@@ -188,14 +188,14 @@ def record(entry: Entry) -> Record:
 
 def frame_record(entry: Entry) -> FrameRecord:
     """Make the record of a frame's line."""
-    made = _checked(FrameRecord, entry, file=None if entry.file is None else asdict(entry.file), **_place(entry))
+    made = _checked(FrameRecord, entry, file=None if entry.file is None else asdict(entry.file), **_line_fields(entry))
     # The parts of the line itself, as a copy of each would take half as much memory again.
     return replace(made, time=entry.time, metadata=entry.content["frame"], file=entry.file or made.file)
 
 
 def reading_record(entry: Entry) -> ReadingRecord:
     """Make the record of a reading's line."""
-    return _checked(ReadingRecord, entry, **_place(entry))
+    return _checked(ReadingRecord, entry, **_line_fields(entry))
 
 
 def event_record(entry: Entry) -> EventRecord:
@@ -205,7 +205,7 @@ def event_record(entry: Entry) -> EventRecord:
     return EventRecord(entry.sequence, entry.time, entry.kind, entry.content, entry.file)
 
 
-def _place(entry: Entry) -> dict[str, Any]:
+def _line_fields(entry: Entry) -> dict[str, Any]:
     return {"sequence": entry.sequence, "time": entry.time.isoformat()}
 
 

@@ -176,7 +176,7 @@ def _read_data_sheet(path: Path, sensor: Sensor) -> tuple[dict[str, Any], dict[s
     if dark_dn is not None:
         values.setdefault("read_noise_e", sqrt(max(dark_dn**2 - ROUNDING_DN2, 0.0)) / k)
     if stated.wavelength_nm is not None and not isinstance(sensor.quantum_efficiency, float):
-        values["quantum_efficiency"] = _through(sensor, stated.wavelength_nm, eta, path)
+        values["quantum_efficiency"] = _scaled_efficiency(sensor, stated.wavelength_nm, eta, path)
     return values, notes
 
 
@@ -190,7 +190,7 @@ def _range_dn(sensor: Sensor) -> float:
     return float(2**sensor.bits - 1 - sensor.black_level_dn)
 
 
-def _through(sensor: Sensor, wavelength_nm: float, eta: float, path: Path) -> list[list[float]]:
+def _scaled_efficiency(sensor: Sensor, wavelength_nm: float, eta: float, path: Path) -> list[list[float]]:
     """Scale the sensor's spectral quantum efficiency so that it has the stated one at a wavelength."""
     wavelengths, curve = np.array(sensor.quantum_efficiency, dtype=float).T
     eta_here = float(np.interp(wavelength_nm, wavelengths, curve, left=0.0, right=0.0))

@@ -223,7 +223,7 @@ def _cards(comparison: ComparisonEvaluation) -> Iterator[Card]:
                     subject.name,
                     ends_text(axis, widest.widest),
                     detail.format("widest "),
-                    _each(comparison.grid, analysis),
+                    _range_texts(comparison.grid, analysis),
                 )
                 continue
             lowest, highest = widest.intervals[0], widest.intervals[-1]
@@ -243,7 +243,7 @@ def _cards(comparison: ComparisonEvaluation) -> Iterator[Card]:
         yield Card("Most significant", f"z = {float(most.difference.z):.1f}", most.first.quantity, (most.name,))
 
 
-def _each(grid: Grid, analysis: MapAnalysis) -> tuple[str, ...]:
+def _range_texts(grid: Grid, analysis: MapAnalysis) -> tuple[str, ...]:
     """Return the usable range at each of a few values of the other parameters, as text."""
     ranges, axes = analysis.usable_ranges, {axis.name: axis for axis in grid.axes}
     texts = (ends_text(grid.axes[-1], usable.widest) if usable.widest else "none" for usable in ranges)

@@ -79,7 +79,7 @@ def _picture(subject: Subject) -> Iterator[Named]:
         yield _cdp(f"CDP of {row['pair']} at {target_text}, ε {ends[0]}", row, picture, calibration)
     for row in {row["pair"]: row for row in rows}.values():
         u, by_pixels = (_number(row[name]) for name in ("u_measured_contrast", "u_measured_contrast_pixels"))
-        parts = _parts(u, by_pixels, picture, calibration)
+        parts = _uncertainty_parts(u, by_pixels, picture, calibration)
         # Of saturated regions it is a bound, which nothing is compared with.
         is_bound = bool(row.get("measured_contrast_bound"))
         value, expanded = (
@@ -102,7 +102,7 @@ def _calibration(subject: Subject) -> Iterator[Named]:
         plane = f" of plane {history.plane}" if history.plane else ""
         assert point.responsivity is not None
         r, own_source, whole = point.responsivity
-        parts = _parts(whole, own_source, data, ("meter", f"{point.meter}")) if whole else {}
+        parts = _uncertainty_parts(whole, own_source, data, ("meter", f"{point.meter}")) if whole else {}
         yield _symmetric(f"responsivity R{plane}", RESPONSIVITY, r, r * whole, parts)
         yield _symmetric(f"dark offset{plane}", "DN", *point.dark_offset_dn, {data: 1.0})
         if point.dark_rate_dn_s is not None:
@@ -121,11 +121,11 @@ def _symmetric(
 def _cdp(quantity: str, row: Mapping[str, Any], pixels: Source, calibration: Source) -> Named:
     """Return a CDP, whose uncertainty is by its pixels and by the calibration."""
     value, low, high = (_number(row[name]) for name in ("cdp", "cdp_low", "cdp_high"))
-    parts = _parts(_number(row["u_cdp"]), _number(row["u_cdp_pixels"]), pixels, calibration)
+    parts = _uncertainty_parts(_number(row["u_cdp"]), _number(row["u_cdp_pixels"]), pixels, calibration)
     return Named(value, value - low, high - value, parts, (), quantity, "", True)
 
 
-def _parts(u: float, u_own: float, own_source: Source, other: Source) -> dict[Source, float]:
+def _uncertainty_parts(u: float, u_own: float, own_source: Source, other: Source) -> dict[Source, float]:
     """Return the parts of an uncertainty by an error of its own and by another one, over the whole."""
     # Of a CDP of 0 or 1 both are 0, and the interval is by the number of pixels.
     part = min(u_own / u, 1.0) if u > 0 else 1.0

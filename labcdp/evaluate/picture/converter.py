@@ -100,7 +100,7 @@ class Converter:
     specification: CameraSpecification | None = None
     calibration: AnyCalibration | None = None
 
-    def through(self, lens: Lens | None) -> Self:
+    def with_lens(self, lens: Lens | None) -> Self:
         """Return the converter for images of a stated lens, or of none; values given by the user take precedence."""
         if lens is None:
             return self
@@ -261,7 +261,7 @@ class Converter:
         if picture.light_is_cd_m2:
             return None
         readout = None if picture.frame is None else picture.frame.readout
-        return self.through(picture.lens).vignetting(picture.shape, readout, picture.statements, picture.encoding)
+        return self.with_lens(picture.lens).vignetting(picture.shape, readout, picture.statements, picture.encoding)
 
     def unit_of(self, picture: Picture) -> Unit:
         """Return the unit of the map of a picture."""

@@ -116,7 +116,7 @@ class TableMap(AssumedVignettingMap):
                 None if inverse_v is None else inverse_v[green],
                 None if offsets is None else offsets[green],
             )
-            for green in _places(frame)
+            for green in _plane_windows(frame)
         ]
         light = _mean(self._look_up(table.light, window))
         if table.glare_fraction:
@@ -193,7 +193,7 @@ def _values(table: _Light, dn: NDArray[np.unsignedinteger[Any]], offset_dn: _Map
     return values
 
 
-def _places(frame: Frame) -> list[tuple[slice, slice]]:
+def _plane_windows(frame: Frame) -> list[tuple[slice, slice]]:
     if frame.colour_filter is None:
         return [WHOLE]
     height, width = (n // 2 * 2 for n in frame.shape)

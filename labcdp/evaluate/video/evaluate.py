@@ -140,7 +140,7 @@ def evaluate_parts(
             except InputError as error:
                 part.failure = error
             parts.append(part)
-        VideoRun(source, converter, parts).go(progress)
+        VideoRun(source, converter, parts).run(progress)
         return [_dataset_or_error(source, converter, part) for part in parts]
 
 
@@ -265,7 +265,7 @@ def opened_video(path: Path, converter: Converter) -> tuple[VideoSource, Convert
     if converter.unit == "cd/m^2" and converter.options.exposure_s is None and not source.exposure_stated:
         raise InputError(no_exposure(path))
     options = replace(converter.options, encoding=source.encoding)
-    return source, replace(converter, options=options).through(source.lens)
+    return source, replace(converter, options=options).with_lens(source.lens)
 
 
 def _require_regions(source: VideoSource, settings: VideoSettings) -> None:

@@ -115,7 +115,7 @@ class PartRun:
             self.end = last
             self.n_done -= 1
         for row in journal.rows():
-            self._learn(row.get(_MEASURED, nan))
+            self._note_measured_contrast(row.get(_MEASURED, nan))
 
     @property
     def contrasts(self) -> tuple[float, ...]:
@@ -129,11 +129,11 @@ class PartRun:
         """Whether no frame is needed any more."""
         return self.end is not None and self.observer is None
 
-    def worked(self, item: TrackedFrame) -> Row | None:
+    def evaluated(self, item: TrackedFrame) -> Row | None:
         """Results of a frame; None for one that is done."""
         return None if item.row_index < self.n_done else self._row(item, self._regions(item))
 
-    def take(self, item: TrackedFrame, row: Row | None) -> None:
+    def record(self, item: TrackedFrame, row: Row | None) -> None:
         """Record the results of a frame, and show it."""
         if row is not None:
             self.journal.add(row)
@@ -151,7 +151,7 @@ class PartRun:
     def _regions(self, item: TrackedFrame) -> tuple[TrackedRoi, ...]:
         return tuple(item.regions[roi] for roi in self.settings.rois if roi in item.regions)
 
-    def _learn(self, contrast: float) -> bool:
+    def _note_measured_contrast(self, contrast: float) -> bool:
         """Store the contrast measured in a frame; returns whether that changes the contrasts to be detected."""
         if self._first_contrast is not None or not (isfinite(contrast) and contrast > 0):
             return False
@@ -170,7 +170,7 @@ class PartRun:
         row: Row = {"frame": frame.number, "time_s": frame.time_s}
         row |= {name: [nan] * settings.n_contrasts for name in names(CONTRAST_COLUMNS)}
         if settings.rois:
-            row |= _places(regions if pixels is not None else (), settings.rois)
+            row |= _region_corners(regions if pixels is not None else (), settings.rois)
         if pixels is None:
             return row | _with_findings([] if frame.fault is None else [frame.fault])
         lost = [tracked for tracked in regions if tracked.lost]
@@ -204,7 +204,7 @@ class PartRun:
             measured = [self.settings.contrasts is None] * len(contrasts) + [self.settings.reference == "first"]
             pair = evaluate_regions(first, second, targets, self.settings.epsilon, measured[: len(targets)])
             # The first frame that is measured gives what was not given.
-            if not self._learn(pair.contrast.value):
+            if not self._note_measured_contrast(pair.contrast.value):
                 break
         n, both = len(contrasts), (pair.a, pair.b)
         row: Row = {name: values[0] for name, values in values_of(PAIR_COLUMNS, [pair]).items()}
@@ -219,11 +219,11 @@ class PartRun:
         row: Row = {**array_values_of(CONTRAST_COLUMNS, pair.cdp)} if len(pair.cdp) else {}
         if given is None:
             row[_MEASURED] = pair.contrast.value
-            self._learn(pair.contrast.value)
+            self._note_measured_contrast(pair.contrast.value)
         return row
 
 
-def _places(regions: Sequence[TrackedRoi], rois: Sequence[Roi]) -> Row:
+def _region_corners(regions: Sequence[TrackedRoi], rois: Sequence[Roi]) -> Row:
     """Where the regions are; nan in a damaged frame."""
     row: Row = dict.fromkeys(names(FRAME_COLUMNS), nan) | {name: [nan, nan] for name in names(REGION_COLUMNS)}
     if regions:
@@ -315,7 +315,7 @@ class VideoRun:
             self._methods |= zip(part.settings.rois, part.settings.methods, strict=True)
         self._follows = any(method != "fixed" for method in self._methods.values())
 
-    def go(self, progress: Progress | None) -> None:
+    def run(self, progress: Progress | None) -> None:
         """Evaluate what is not in the journals yet."""
         if all(part.done for part in self._parts):
             return
@@ -324,10 +324,13 @@ class VideoRun:
         # Small steps in several threads wait for each other; a whole frame of neighbours does not.
         # Without a contrast the first frame gives it to the others.
         alone = self._methods or any(part.settings.contrasts is None for part in self._parts)
-        with closing(ahead(self._frames())) as frames, closing(self._worked(frames, 0 if alone else 2)) as worked:
+        with (
+            closing(ahead(self._frames())) as frames,
+            closing(self._evaluated_frames(frames, 0 if alone else 2)) as worked,
+        ):
             for n_done, (item, rows) in enumerate(worked, start=1):
                 for part, row in zip(self._parts, rows, strict=True):
-                    part.take(item, row)
+                    part.record(item, row)
                 if progress is not None:
                     progress(n_done, None if expected is None else max(expected, n_done))
         if n_done == 0:
@@ -359,17 +362,17 @@ class VideoRun:
 
         return frames_of(self._source, self._selection, needed, entries())
 
-    def _worked(
+    def _evaluated_frames(
         self, frames: Iterator[VideoFrame], n_workers: int
     ) -> Generator[tuple[TrackedFrame, list[dict[str, Any] | None]], None, None]:
         """Go through the chosen frames, each with its results for each part."""
 
         def work(item: TrackedFrame) -> tuple[TrackedFrame, list[dict[str, Any] | None]]:
-            return item, [part.worked(item) for part in self._parts]
+            return item, [part.evaluated(item) for part in self._parts]
 
-        return in_order((partial(work, item) for item in self._followed(frames)), n_workers)
+        return in_order((partial(work, item) for item in self._tracked_frames(frames)), n_workers)
 
-    def _followed(self, frames: Iterator[VideoFrame]) -> Iterator[TrackedFrame]:
+    def _tracked_frames(self, frames: Iterator[VideoFrame]) -> Iterator[TrackedFrame]:
         """Follow the regions; only chosen frames are passed on."""
         tracker: Tracker | None = None
         regions: dict[Roi, TrackedRoi] = {}
@@ -383,7 +386,7 @@ class VideoRun:
             if self._methods and frame.pixels is not None:
                 if unseen is not None:
                     remedy = f"draw them in frame {frame.number}, the first complete one, and start there"
-                    raise InputError(f"{self._why(unseen)}; {remedy}")
+                    raise InputError(f"{self._unusable_text(unseen)}; {remedy}")
                 if tracker is None:
                     tracker = self._tracker(frame.pixels)
                     regions = {roi: TrackedRoi(roi, 1.0, False) for roi in self._methods}
@@ -397,9 +400,9 @@ class VideoRun:
                 yield TrackedFrame(frame, index, regions, repeats, light)
                 index, last = index + 1, frame
         if unseen is not None and tracker is None:
-            raise InputError(f"{self._why(unseen)}; the same applies to all others")
+            raise InputError(f"{self._unusable_text(unseen)}; the same applies to all others")
 
-    def _why(self, frame: VideoFrame) -> str:
+    def _unusable_text(self, frame: VideoFrame) -> str:
         """Return why the frame in which the regions were drawn cannot be used."""
         text = "" if frame.fault is None else finding_text(frame.fault)
         return f"frame {frame.number} of {self._source.path}, in which the regions are: {text}"

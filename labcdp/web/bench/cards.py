@@ -110,7 +110,7 @@ def pair_card(bench: LiveBench) -> str:
 def planned_table(bench: LiveBench) -> str:
     """Write the pairs of the plan at a glance; a click chooses one."""
     chosen = set(bench.workspace.drawing.pair)
-    rows = [_planned_row(planned, bench.glance(planned), chosen) for planned in bench.planned]
+    rows = [_planned_row(planned, bench.newest_evaluation(planned), chosen) for planned in bench.planned]
     if not rows:
         return ""
     heads = ("pair of the plan", "measured", "target, ε", "CDP", "")

@@ -126,7 +126,7 @@ class LiveImages:
         lens: Lens | None,
         call: Callable[[Callable[[], None]], None],
     ) -> None:
-        self._camera, self._converter, self._call = camera, converter.through(lens), call
+        self._camera, self._converter, self._call = camera, converter.with_lens(lens), call
         self.lens = lens
         self.newest: PageImage | None = None
         #: Why there is no cd/m^2 with a calibration.
@@ -158,7 +158,7 @@ class LiveImages:
         except CalibrationError as error:
             from ...evaluate.picture.converter import make_converter
 
-            image = PageImage.live(frame, make_converter().through(self.lens))
+            image = PageImage.live(frame, make_converter().with_lens(self.lens))
             kind = (frame.shape, frame.pixel_format, frame.gain_db, frame.readout)
             if kind != self._mismatched:
                 # Names one frame: another text for each would not let a person read it.

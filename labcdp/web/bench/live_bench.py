@@ -87,7 +87,7 @@ class LiveBench:
         #: The plan's pairs by turns, one for an image: all of them would take a second. Each as last measured, and the
         #: exposure and gain at which it was.
         self._turns = cycle(self.planned)
-        self._glances: dict[PlannedPair, tuple[PairEvaluation, tuple[float, float] | None]] = {}
+        self._evaluations: dict[PlannedPair, tuple[PairEvaluation, tuple[float, float] | None]] = {}
         self._target = target
         #: What a person wants to be detected, by the names of the regions.
         self._targets: dict[frozenset[str | None], Target] = {}
@@ -186,7 +186,7 @@ class LiveBench:
             If nothing is measured.
         """
         measured = self.workspace.measured
-        pairs_measured = [self.glance(planned) for planned in self.planned]
+        pairs_measured = [self.newest_evaluation(planned) for planned in self.planned]
         pairs_measured += [measured.pair] if self.pair is not None else []
         # The chosen pair may be one of the plan.
         pairs = {id(pair): pair for pair in pairs_measured if pair is not None and pair.result is not None}.values()
@@ -288,10 +288,10 @@ class LiveBench:
         of_now = pair is not None and pair.answers(chosen, target.contrasts, target.epsilon)
         return pair.result if pair is not None and of_now else None
 
-    def glance(self, pair: PlannedPair) -> PairEvaluation | None:
+    def newest_evaluation(self, pair: PlannedPair) -> PairEvaluation | None:
         """Return what was last measured of a pair of the plan with these settings; None if nothing was."""
         request = pair.rois(self.workspace.drawing), pair.target.contrasts, pair.target.epsilon
-        chosen, (besides, taken) = self.workspace.measured.pair, self._glances.get(pair, (None, None))
+        chosen, (besides, taken) = self.workspace.measured.pair, self._evaluations.get(pair, (None, None))
         if chosen is not None and chosen.answers(*request):
             return chosen
         of_now = besides is not None and besides.answers(*request) and taken == self.workspace.measured.taken
@@ -300,16 +300,16 @@ class LiveBench:
     @property
     def points(self) -> tuple[PairPoint, ...]:
         """The chosen pair in the newest image at each target contrast; empty until it is measured as asked for now."""
-        return self.trace.newest if self.pair is not None and self.trace.of == self._asked else ()
+        return self.trace.newest if self.pair is not None and self.trace.of == self._request else ()
 
     @property
     def curve(self) -> tuple[NDArray[Any], NDArray[Any]]:
         """Contrasts, and the CDP of the chosen pair at each; empty until they are computed."""
         of, contrasts, values = self._curve
-        return (contrasts, values) if of == self._asked else (np.empty(0), np.empty(0))
+        return (contrasts, values) if of == self._request else (np.empty(0), np.empty(0))
 
     @property
-    def _asked(self) -> tuple[object, ...]:
+    def _request(self) -> tuple[object, ...]:
         """The chosen regions as drawn now, with their target contrasts and tolerance."""
         return (*self.workspace.drawing.pair_rois, self.target)
 
@@ -358,8 +358,8 @@ class LiveBench:
             return
         for pair, evaluation in product(self.planned, measured.others):
             if evaluation.answers(pair.rois(self.workspace.drawing), pair.target.contrasts, pair.target.epsilon):
-                self._glances[pair] = evaluation, measured.taken
-        self._measured, result, now_s, of = measured, self.pair, monotonic(), self._asked
+                self._evaluations[pair] = evaluation, measured.taken
+        self._measured, result, now_s, of = measured, self.pair, monotonic(), self._request
         points = () if result is None else pair_points(result, now_s)
         self.trace = self.trace.after(points, of)
         if result is None or not points or (of == self._curve[0] and now_s - self._curve_s < _CURVE_S):

@@ -185,7 +185,7 @@ class BenchPage:
 
     def _connect(self) -> None:
         self._page.on_enter(self._typed, self._enter)
-        self._page.said_first, self._page.said_last = self._asked, self._said
+        self._page.messages_above, self._page.messages_below = self._question_messages, self._status_messages
         self._page.acts["delete reading"] = self._delete
         for end in (
             self.bench.camera.look(),
@@ -234,11 +234,11 @@ class BenchPage:
             self._highest = highest
             self._map.show_range(DisplayScale("gamma", 0.0, highest))
 
-    def _asked(self) -> list[tuple[str, str]]:
+    def _question_messages(self) -> list[tuple[str, str]]:
         """Return the question of a recording, which is shown above all other messages."""
         return [("question", self.bench.question)]
 
-    def _said(self) -> list[tuple[str, str]]:
+    def _status_messages(self) -> list[tuple[str, str]]:
         """Return the messages about work, camera and log."""
         bench = self.bench
         busy = "" if bench.question else bench.busy

@@ -181,7 +181,7 @@ class RecordTab:
         self._again = page.field("Select", "Record again", options=[_NOTHING], width=180)
         self._dismiss = page.button("Dismiss findings", self._forget_findings, visible=False)
         self._state = page.text("record")
-        self._asked: OperatorQuestion | None = None
+        self._shown_question: OperatorQuestion | None = None
         page.on_enter(self._typed, lambda words: self._answer(words) if words else None)
         for widget in (self._first, self._typed):
             widget.jscallback(visible=_FOCUS)
@@ -205,8 +205,8 @@ class RecordTab:
         self._again.options = [_NOTHING, *_UNITS, *(roi.name for roi in bench.workspace.drawing.rois)]
         self._pause.disabled = self._stop.disabled = not (running and controlled)
         question = recording.operator.question if recording is not None and running else None
-        if question is not self._asked:
-            self._asked, self._typed.value = question, ""
+        if question is not self._shown_question:
+            self._shown_question, self._typed.value = question, ""
         self._typed.visible = question is not None and question.typed
         self._typed.disabled = not controlled
         self._dismiss.visible = recording is not None and bool(recording.operator.findings)
@@ -268,15 +268,15 @@ class RecordTab:
             self._bench.workspace.changed()
 
     def _press(self, number: int) -> None:
-        if self._asked is not None:
-            self._answer(self._asked.answers[number])
+        if self._shown_question is not None:
+            self._answer(self._shown_question.answers[number])
 
     def _answer(self, words: str) -> None:
         if self._bench.recording is not None:
-            if self._asked is not None and self._asked.typed:
+            if self._shown_question is not None and self._shown_question.typed:
                 # A comma in a field is that of a decimal; the meter's driver refuses it where it might part thousands.
                 words = re.sub(r"(?<=[0-9]),(?=[0-9])", ".", words)
-            self._bench.recording.operator.answer(self._asked, words)
+            self._bench.recording.operator.answer(self._shown_question, words)
 
 
 def _left(time_s: float | None) -> str:

@@ -114,7 +114,7 @@ def change(drawing: Drawing, message: Mapping[str, Any]) -> tuple[Drawing, str |
     what, size = message["do"], drawing.size
     if what in ("polygon", "box"):
         name = drawing.new_name()
-        return drawing.added(_drawn(what, name, message, size)), name
+        return drawing.added(_drawn_shape(what, name, message, size)), name
     name = _field(message, "name", str)
     if what == "delete":
         return drawing.deleted(name), None
@@ -126,7 +126,7 @@ def change(drawing: Drawing, message: Mapping[str, Any]) -> tuple[Drawing, str |
     return drawing.changed(name, lambda shape: _edited(what, shape, message, size)), name
 
 
-def _drawn(what: str, name: str, message: Mapping[str, Any], size: ImageSize) -> Shape:
+def _drawn_shape(what: str, name: str, message: Mapping[str, Any], size: ImageSize) -> Shape:
     if what == "box":
         return edit.box_shape(
             _field(message, "kind", str), name, _position(message, "start"), _position(message, "end"), size

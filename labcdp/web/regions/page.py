@@ -60,12 +60,12 @@ class RegionPage(Widgets):
         #: What is done soon, and whether a refresh waits for the browser.
         self._due: set[Callable[[], None]] = set()
         #: What is said before and after what the workspace says: kind and text of each message.
-        self.said_first: Callable[[], list[tuple[str, str]]] = list
-        self.said_last: Callable[[], list[tuple[str, str]]] = list
+        self.messages_above: Callable[[], list[tuple[str, str]]] = list
+        self.messages_below: Callable[[], list[tuple[str, str]]] = list
         #: What else a message of the browser may ask for.
         self.acts: dict[str, Callable[[dict[str, Any]], object]] = {}
         self._late = False
-        self._asked = count(1)
+        self._request_numbers = count(1)
         #: By serial number, whether messages since the last refresh were applied.
         self._answers: dict[str, bool] = {}
         css, scrolled = style(), {"overflow-x": "auto", "min-width": "0"}
@@ -177,7 +177,7 @@ class RegionPage(Widgets):
             self._regions.object = region_table(image, drawing, measured, workspace.selected)
             self._pair.object = pair_table(drawing, measured)
             self._warnings.object = warning_list(image, drawing, measured)
-            self._messages.object = "".join(self._said())
+            self._messages.object = "".join(self._message_lines())
             names = [roi.name for roi in drawing.rois]
             for widget, chosen in zip((self._first, self._second), drawing.pair, strict=True):
                 widget.param.update(options={"none": None, **{name: name for name in names}}, value=chosen)
@@ -191,12 +191,12 @@ class RegionPage(Widgets):
             button["Replace"].visible = workspace.in_the_way is not None
             button["Accept"].disabled = workspace.selected is None or not drawing.is_proposal(workspace.selected)
 
-    def _said(self) -> Iterator[str]:
+    def _message_lines(self) -> Iterator[str]:
         """Write the messages of the moment, each once."""
         notice = self.workspace.notice
-        said = self.said_first()
+        said = self.messages_above()
         said += [("warning", f"{field}: {why}") for field, why in self.complaints.items()]
-        said += [(notice.kind, notice.text), *self.said_last()]
+        said += [(notice.kind, notice.text), *self.messages_below()]
         for kind, words in dict.fromkeys(message for message in said if message[1]):
             role = "alert" if kind == "question" else "status"
             yield f"<div class='notice {kind}' role='{role}'>{html.text(words)}</div>"
@@ -242,7 +242,7 @@ class RegionPage(Widgets):
         link, workspace = self.picture.link, self.workspace
         link.on_change("sent", lambda _attr, _old, new: self._received(new))
         link.on_change("n_handled", lambda _attr, _old, _new: self.changed() if self._late else None)
-        link.on_change("view", lambda _attr, _old, _new: self.soon(self._look))
+        link.on_change("view", lambda _attr, _old, _new: self.soon(self._show_view))
         link.on_change("pointer", lambda _attr, _old, _new: self.soon(self._point))
         self._method.param.watch(
             lambda event: self._size.widget.param.update(visible=event.new == "superpixels"), "value"
@@ -261,7 +261,7 @@ class RegionPage(Widgets):
         self._answers[str(message.get("serial"))] = done
         self.changed()
 
-    def _look(self) -> None:
+    def _show_view(self) -> None:
         if len(view := self.picture.link.view) == 6:
             left, top, right, bottom, width, height = view
             self.picture.show_part((left, top, right, bottom), (int(width), int(height)))
@@ -272,7 +272,7 @@ class RegionPage(Widgets):
         self._readout.object = f"<div class='readout'>{html.text(text)}</div>"
 
     def _ask(self, what: str) -> None:
-        self.picture.link.ask = f"{what} {next(self._asked)}"
+        self.picture.link.ask = f"{what} {next(self._request_numbers)}"
 
     def _propose(self) -> None:
         method = self._method.value

@@ -147,7 +147,7 @@ class PageImage:
         """
         top, left = int(rows.min()), int(columns.min())
         window = slice(top, int(rows.max()) + 1), slice(left, int(columns.max()) + 1)
-        part, inside = self._part(window)
+        part, inside = self._map_part(window)
         at = rows - top, columns - left
 
         def of(values: Any) -> NDArray[np.float64]:
@@ -164,24 +164,24 @@ class PageImage:
 
     def pixels(self, roi: Roi) -> RegionPixels:
         """Return a region with its luminance; raises InputError as `evaluate_region`."""
-        window, mask = self._place(roi)
-        part, inside = self._part(window)
+        window, mask = self._window_and_mask(roi)
+        part, inside = self._map_part(window)
         return RegionPixels.from_part(part, roi, window, mask, inside)
 
     def light_in(self, roi: Roi) -> NDArray[np.floating[Any]]:
         """Return the luminances of a region, shape (n,); raises InputError as `Roi.select`."""
-        window, mask = self._place(roi)
-        part, inside = self._part(window)
+        window, mask = self._window_and_mask(roi)
+        part, inside = self._map_part(window)
         return part.luminance_cd_m2[inside][mask]
 
-    def _place(self, roi: Roi) -> tuple[Window, NDArray[np.bool_]]:
+    def _window_and_mask(self, roi: Roi) -> tuple[Window, NDArray[np.bool_]]:
         """Return the bounding box of a region in the map, and its mask there."""
         region, (rows, columns) = roi.divided(self.step), self.values.shape
         shape = rows // self.step, columns // self.step
         roi.window((shape[0] * self.step, shape[1] * self.step))  # an error names pixels of the image, not of the map
         return region.window(shape), region.mask(shape)
 
-    def _part(self, window: Window) -> tuple[LuminanceMap, Window]:
+    def _map_part(self, window: Window) -> tuple[LuminanceMap, Window]:
         """Return a map that has a window of the whole one, and where."""
         return (self.light, window) if isinstance(self.light, LuminanceMap) else (self.light(window), WHOLE)
 

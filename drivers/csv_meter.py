@@ -106,14 +106,14 @@ class CsvMeter(Meter):
         readings = self.readings
         if self._patch is None:
             raise MeterError(f"{self._path}: no patch has been chosen", "call point() with its name")
-        of_patch, given = readings[self._patch], self._given[self._patch]
-        if given == len(of_patch):
+        patch_readings, given = readings[self._patch], self._given[self._patch]
+        if given == len(patch_readings):
             raise MeterError(
                 f"{self._path} has {given} readings of patch {self._patch!r}, all of them are used",
                 "add readings, or ask for fewer",
             )
         self._given[self._patch] += 1
-        return of_patch[given]
+        return patch_readings[given]
 
 
 def _read(path: Path, identity: MeterIdentity, accuracy: MeterAccuracy) -> tuple[dict[str, list[Reading]], bool]:

@@ -44,10 +44,10 @@ def cdp_variables(dims: tuple[str, ...], items: Sequence[Any]) -> dict[str, Any]
 def pair_variables(pairs: Sequence[Any], unit: str) -> dict[str, Any]:
     """Return the variables of `Pair`, and those of their regions: the bright one, then the dark one."""
     sides = [(pair.bright_region, pair.dark_region) for pair in pairs]
-    of_region = (*region_columns(unit), invalid_share("saturated"))
+    columns = (*region_columns(unit), invalid_share("saturated"))
     return {
         **variables_of(by_itself(*CONTRAST, *CSNR), ("pair",), pairs),
-        **variables_of(by_itself(*of_region), ("pair", "side"), sides),
+        **variables_of(by_itself(*columns), ("pair", "side"), sides),
     }
 
 

@@ -218,9 +218,9 @@ def _agreeing(
     like = ~unlike
     # All but the square itself.
     like[2, 2] = False
-    of_like, of_unlike = (_median(around[..., which]) for which in (like, unlike))
-    contrast = of_like - of_unlike
-    as_others = np.abs(tones - of_like) < 0.35 * np.abs(contrast)
+    like_tone, unlike_tone = (_median(around[..., which]) for which in (like, unlike))
+    contrast = like_tone - unlike_tone
+    as_others = np.abs(tones - like_tone) < 0.35 * np.abs(contrast)
     return np.asarray(((contrast > 0) == light) & as_others & (spread < 0.5 * np.abs(contrast)))
 
 
@@ -235,8 +235,8 @@ def _fill_their_squares(squares: NDArray[np.float64], light: NDArray[np.bool_], 
     """Whether light and dark reach into the corners of their squares: those of rows of dots do not."""
     middle, corner = np.array([[0.5, 0.5]]), np.array([[a, b] for a in (0.12, 0.88) for b in (0.12, 0.88)])
     tones = [_values_within(squares, within, image).mean(axis=-1) for within in (middle, corner)]
-    of_middle, of_corner = (tone[light].mean() - tone[~light].mean() for tone in tones)
-    return bool(of_corner > _CORNER_CONTRAST * of_middle)
+    middle_contrast, corner_contrast = (tone[light].mean() - tone[~light].mean() for tone in tones)
+    return bool(corner_contrast > _CORNER_CONTRAST * middle_contrast)
 
 
 def _outer(

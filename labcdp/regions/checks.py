@@ -147,10 +147,10 @@ def _edge_px(pixels: _Array, usable: NDArray[np.bool_], depth: NDArray[np.int64]
     scatter = float(np.std(deeper)) if len(deeper) > 2 else 0.0
     deepest = 0
     for n in np.intersect1d(ring, range(1, rings + 1)).tolist():
-        of_ring = rest[ring == n]
-        off = float((np.abs(of_ring) > _OFF_SIGMA * sigma).mean())
-        most = max(_MEAN_OFF * sigma, _MEAN_OFF_SIGMA * max(scatter, sigma / np.sqrt(of_ring.size)))
-        if off > _OFF_SHARE + 5 * off_inside or abs(float(of_ring.mean())) > most:
+        ring_values = rest[ring == n]
+        off = float((np.abs(ring_values) > _OFF_SIGMA * sigma).mean())
+        most = max(_MEAN_OFF * sigma, _MEAN_OFF_SIGMA * max(scatter, sigma / np.sqrt(ring_values.size)))
+        if off > _OFF_SHARE + 5 * off_inside or abs(float(ring_values.mean())) > most:
             deepest = n
     return deepest
 

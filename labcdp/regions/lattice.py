@@ -78,8 +78,8 @@ def places_between(chart: Mapping[At, int], corners: _Array) -> dict[At, _Array]
     # With patches before and after in the column (axis 0) or row (axis 1).
     columns, rows = (after(taken, axis) & np.flip(after(np.flip(taken, axis), axis), axis) for axis in (0, 1))
     missing = np.argwhere((rows | columns) & ~taken) + first
-    of_patches = np.moveaxis(corners[list(chart.values())], 1, 0)
-    places = np.stack([_Grid(at[:, ::-1], ends).places(missing[:, ::-1]) for ends in of_patches], axis=1)
+    patch_corners = np.moveaxis(corners[list(chart.values())], 1, 0)
+    places = np.stack([_Grid(at[:, ::-1], ends).places(missing[:, ::-1]) for ends in patch_corners], axis=1)
     return {(int(i), int(j)): corners_at for (i, j), corners_at in zip(missing, places, strict=True)}
 
 

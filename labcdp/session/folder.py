@@ -154,9 +154,9 @@ def _make(folder: Path, configuration: SessionConfiguration, compress: bool, clo
 
 def remove_session(folder: Path, recorded: Iterable[str]) -> None:
     """Remove a session with its folder; raises SessionError, and removes nothing, if the folder holds anything else."""
-    of_session, folder = {SESSION_JOURNAL, FORMER_END, FRAMES, *recorded}, folder.resolve()
+    session_names, folder = {SESSION_JOURNAL, FORMER_END, FRAMES, *recorded}, folder.resolve()
     with reported(folder, "removed"):
-        others = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - of_session
+        others = {path.relative_to(folder).as_posix() for path in folder.rglob("*")} - session_names
         if others:
             raise SessionError(
                 f"{folder} holds {min(others)}, which does not belong to the session: choose a new folder"

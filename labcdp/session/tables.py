@@ -267,8 +267,8 @@ class MeterCertificate(ConfigurationTable):
         A model may be stated with the name of its maker.
         """
         models = [name.casefold() for name in (self.model or meter.model, meter.model)]
-        of_model = models[0] in models[1] or models[1] in models[0]
-        if of_model and (self.serial or meter.serial).casefold() == meter.serial.casefold():
+        same_model = models[0] in models[1] or models[1] in models[0]
+        if same_model and (self.serial or meter.serial).casefold() == meter.serial.casefold():
             return ""
         other = " ".join(part for part in (self.model or meter.model, self.serial) if part)
         return f"the certificate {self.number} is of the meter {other}, not of {meter.model} {meter.serial}"
@@ -345,8 +345,8 @@ class MeterConfiguration(ConfigurationTable):
                 raise ValueError(f'has {given[0]}, which belongs to entry = "by hand" or "csv": leave it out')
             return self
         fields = type(self).model_fields
-        of_the_line = ("port", "rtscts", "response", "correction")
-        given = [name for name in of_the_line if getattr(self, name) != fields[name].default]
+        line_fields = ("port", "rtscts", "response", "correction")
+        given = [name for name in line_fields if getattr(self, name) != fields[name].default]
         if given:
             raise ValueError(f'has {given[0]}, which belongs to entry = "serial": leave it out')
         if (self.file is None) == (self.entry == "csv"):

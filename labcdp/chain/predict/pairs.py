@@ -139,7 +139,7 @@ class _BrightPatches:
         self, bins: ValueBins, cells: NDArray[np.intp], limits: FloatArray
     ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the bins that limits lie in, and their indices in `at`."""
-        start, first, size = (of_all[cells, None] for of_all in (self.start, self.first, self.size))
+        start, first, size = (values[cells, None] for values in (self.start, self.first, self.size))
         whole = np.clip(np.searchsorted(bins.starts, limits, side="right") - 1, first - 1, first + size)
         return whole, whole + (start - first)
 
@@ -193,9 +193,9 @@ def _evaluate(
     table: ValueTable, cells: Cells, patches: _BrightPatches, numbers: NDArray[np.intp], first: int, share: FloatArray
 ) -> tuple[FloatArray, ...]:
     """Evaluate cells, all fields but the last, whose dark patches have the probabilities `share` from `first` on."""
-    bins, of_share = table.bins, slice(first, first + share.shape[1])
-    exact = bins.exact[of_share]
-    mean, variance = _moments(bins.values[of_share], share)
+    bins, value_range = table.bins, slice(first, first + share.shape[1])
+    exact = bins.exact[value_range]
+    mean, variance = _moments(bins.values[value_range], share)
     lit_share, signal = _lit(bins, cells.zero, first, share)
     dark_share = share.sum(axis=1) - lit_share.sum(axis=1)
     zero = cells.zero[:, None]
@@ -209,7 +209,7 @@ def _evaluate(
             chance = patches.up_to(bins, numbers, limits)
         else:
             # Dark values spread over a bin meet bright ones that many pixels share.
-            edges = np.maximum(bins.edges[first : of_share.stop + 1] - zero, 0.0)
+            edges = np.maximum(bins.edges[first : value_range.stop + 1] - zero, 0.0)
             chance = patches.mean_up_to(bins, numbers, zero + edges * factor)
             chance[:, exact] = patches.up_to(bins, numbers, limits[:, exact])
         # To a dark value of 0 or below each bright one above 0 has an unbounded contrast.

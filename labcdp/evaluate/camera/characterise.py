@@ -95,7 +95,7 @@ def characterise_session(
     dark = fit_dark_current(darks)
     transfer = _transfer(points, dark.black_level_dn.value, state.bit_depth, state.saturation_dn)
     quantities, more = _nonuniformity(reference, points, transfer)
-    sensitivity, of_meter = _sensitivity(session, points, transfer, measured)
+    sensitivity, meter_findings = _sensitivity(session, points, transfer, measured)
     quantities |= sensitivity
     every = fit_dark_current([dark_observation(level) for level in measured.darks])
     quantities["doubling_temperature_c"] = every.doubling_temperature_c()
@@ -108,7 +108,7 @@ def characterise_session(
         "gain_db": state.gain_db,
         "temperature_c": dark.model.temperature_c,
     }
-    return with_findings(assemble(origin, points, darks, transfer, quantities), [*findings, *more, *of_meter])
+    return with_findings(assemble(origin, points, darks, transfer, quantities), [*findings, *more, *meter_findings])
 
 
 def _reference(measured: SessionFrames) -> tuple[dict[float, MeasuredFrames], list[Finding]]:
@@ -197,13 +197,13 @@ def _nonuniformity(
     darks: Mapping[float, MeasuredFrames], points: Sequence[SessionPoint], transfer: Transfer
 ) -> tuple[dict[str, Any], list[Finding]]:
     k, longest_s = transfer.k, max(darks)
-    variance, *of_growth = dark_pattern_variances([*darks.values()], [*darks])
+    variance, *growth = dark_pattern_variances([*darks.values()], [*darks])
     note = f"at {exposure_text(longest_s)}, the only exposure of the dark frames"
     values: dict[str, Any] = {"spatial": (darks[longest_s],)}
-    if of_growth:
+    if growth:
         # Rounding changes each exposure's pattern by some part of its step, 1 DN.
         rounding_e_s = rounding_of_spread_dn(darks[longest_s]) / k.value / longest_s
-        values["dsnu_e_s"], note = dsnu_e(of_growth[0].total, k, rounding_e_s, unit="e-/s"), "at zero exposure"
+        values["dsnu_e_s"], note = dsnu_e(growth[0].total, k, rounding_e_s, unit="e-/s"), "at zero exposure"
     values["prnu_rel"] = _prnu(points, darks, transfer.saturation.net_dn)
     low, high = _PRNU_SHARES
     unknown = values["prnu_rel"] is None

@@ -43,8 +43,8 @@ def signal_figures(characterisation: Characterisation) -> list[ReportFigure]:
         if name != "linearity" or characterisation.linearity_error_min_rel is not None:
             figure = sized(characterisation, heights_in.get(name, 4.6), 6.4 if name == "photon-transfer" else 9.0)
             draw(figure, characterisation)
-            of_patches = "-of-patches" if name == "sensitivity" and not is_series(characterisation) else ""
-            caption = page_text(f"characterise-{name}{of_patches}")
+            suffix = "-of-patches" if name == "sensitivity" and not is_series(characterisation) else ""
+            caption = page_text(f"characterise-{name}{suffix}")
             figures.append(reported(f"characterise-{name}", figure, caption))
     return figures
 

@@ -238,10 +238,12 @@ def quantum_efficiency_estimate(
         photons = photons_per_cd_m2_s(configuration.source.spectrum, lens.f_number, transmittance, area_m2)
     except InputError:
         return None
-    of_lens = Quantity(photons, photons * hypot(2 * _F_NUMBER_REL, _TRANSMITTANCE_REL) / sqrt(3), "photons")
-    of_glass = "taken as 1, so that it is part of this value" if lens.transmittance is None else f"{transmittance:g}"
-    note = (
-        f"estimated from lens data, no photons were measured: f/{lens.f_number:g}, transmittance {of_glass}, mean over "
-        f"{configuration.source.spectrum}"
+    expected_photons = Quantity(photons, photons * hypot(2 * _F_NUMBER_REL, _TRANSMITTANCE_REL) / sqrt(3), "photons")
+    transmittance_text = (
+        "taken as 1, so that it is part of this value" if lens.transmittance is None else f"{transmittance:g}"
     )
-    return responsivity.over(of_lens, "DN/photon").over(k, "1", note)
+    note = (
+        f"estimated from lens data, no photons were measured: f/{lens.f_number:g}, transmittance {transmittance_text}, "
+        f"mean over {configuration.source.spectrum}"
+    )
+    return responsivity.over(expected_photons, "DN/photon").over(k, "1", note)

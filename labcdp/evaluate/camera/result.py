@@ -80,7 +80,7 @@ def stated(key: str, name: str, quantity: Quantity) -> NamedValue:
 
 
 def _series(points: Sequence[SeriesPoint]) -> Table:
-    of_dark = "of the dark frames"
+    source = "of the dark frames"
     above = Column("net_variance_dn2", "variance above dark", "DN²", "Variance minus that of the dark frames.")
     columns = (
         Column("patch", "patch", meaning="Patch of a session; missing in a data set.", value="label"),
@@ -89,33 +89,33 @@ def _series(points: Sequence[SeriesPoint]) -> Table:
         Column("mean_dn", "mean", "DN", "Mean in the light.", 6, value="light.mean_dn"),
         Column("variance_dn2", "variance", "DN²", "Temporal variance of a pixel in the light.", 5,
                value="light.temporal_variance_dn2"),
-        Column("dark_mean_dn", "dark mean", "DN", f"Mean {of_dark} at this exposure.", 6, value="dark.mean_dn"),
-        Column("dark_variance_dn2", "dark variance", "DN²", f"Temporal variance {of_dark}.", 5,
+        Column("dark_mean_dn", "dark mean", "DN", f"Mean {source} at this exposure.", 6, value="dark.mean_dn"),
+        Column("dark_variance_dn2", "dark variance", "DN²", f"Temporal variance {source}.", 5,
                value="dark.temporal_variance_dn2"),
         *uncertain(Column("net_dn", "mean above dark", "DN", "Mean minus that of the dark frames."),
                    "net_uncertainty_dn"),
         *uncertain(above, "variance_uncertainty_dn2"),
         Column("saturated_share", "saturated", "%", "Share of values at the converter's last DN.", decimals=2,
                value="light.saturated_share"),
-        Column("dark_black_share", "dark at 0 DN", "%", f"Share of the values {of_dark} at 0 DN.", decimals=2,
+        Column("dark_black_share", "dark at 0 DN", "%", f"Share of the values {source} at 0 DN.", decimals=2,
                value="dark.black_share"),
         Column("n_pixels", "pixels", meaning="Number of pixels averaged.", value="light.n_pixels"),
         Column("n_frames", "frames", meaning="Number of frames averaged.", value="light.n_frames"),
-        Column("dark_n_pixels", "dark pixels", meaning=f"Pixels {of_dark}.", value="dark.n_pixels"),
+        Column("dark_n_pixels", "dark pixels", meaning=f"Pixels {source}.", value="dark.n_pixels"),
         Column("dark_n_frames", "dark frames", meaning="Number of dark frames averaged.", value="dark.n_frames"),
     )  # fmt: skip
     return Table.of_items("series", "Light and dark at each level", columns, points, detail=True)
 
 
 def _darks(points: Sequence[DarkObservation]) -> Table:
-    of_means = dict(zip(map(id, points), mean_uncertainties_dn(points, black_level_drift(points)[0]), strict=True))
-    of_variances = dict(zip(map(id, points), variance_uncertainties_dn2(points), strict=True))
+    mean_u_dn = dict(zip(map(id, points), mean_uncertainties_dn(points, black_level_drift(points)[0]), strict=True))
+    variance_u_dn2 = dict(zip(map(id, points), variance_uncertainties_dn2(points), strict=True))
     variance = Column("variance_dn2", "variance", "DN²", "Temporal variance of a pixel.", value="temporal_variance_dn2")
     columns = (
         Column("exposure_s", "exposure", "s", "Exposure time.", time=True),
         Column("temperature_c", "temperature", "°C", "Of the sensor.", decimals=1),
-        *uncertain(Column("mean_dn", "mean", "DN", "Mean dark signal."), lambda point: float(of_means[id(point)])),
-        *uncertain(variance, lambda point: float(of_variances[id(point)])),
+        *uncertain(Column("mean_dn", "mean", "DN", "Mean dark signal."), lambda point: float(mean_u_dn[id(point)])),
+        *uncertain(variance, lambda point: float(variance_u_dn2[id(point)])),
         Column("spatial_variance_dn2", "spatial variance", "DN²", "Variance of the pixels' means.", 4,
                value=lambda point: point.pattern_dn**2),
         Column("n_pixels", "pixels", meaning="Number of pixels averaged."),

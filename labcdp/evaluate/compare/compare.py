@@ -159,12 +159,12 @@ def compare_subjects(
     """
     subjects = read_subjects(sources, question if isinstance(question, ImageSettings) else None)
     kind = subjects[0].kind
-    of_pictures = "regions and light", "picture"
-    what, of_kind = (
-        of_pictures if isinstance(question, ImageSettings) else ("parameters, contrast and tolerance", "chain")
+    picture_options = "regions and light", "picture"
+    what, expected_kind = (
+        picture_options if isinstance(question, ImageSettings) else ("parameters, contrast and tolerance", "chain")
     )
-    if question is not None and kind != of_kind:
-        raise InputError(f"{what} are options for {of_kind}s, {subjects[0].name} is a {kind}")
+    if question is not None and kind != expected_kind:
+        raise InputError(f"{what} are options for {expected_kind}s, {subjects[0].name} is a {kind}")
     if kind == "chain":
         return _chains(subjects, question if isinstance(question, Question) else Question(), progress)
     if kind == "sweep":

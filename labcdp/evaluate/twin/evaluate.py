@@ -122,10 +122,10 @@ def twin_session(
         observed, {name: region.luminance_cd_m2 for name, region in regions.items()}, contrast, epsilon, left_out
     )
     compared = _compared(observed, calibration, twin, regions, requests, left_out, report)
-    of_left_out = list(_findings(left_out))
+    omitted = list(_findings(left_out))
     if not compared:
-        raise CalibrationError(f"no two patches can be compared: {'; '.join(map(finding_text, of_left_out))}")
-    of_calibration = [finding for finding in calibration.findings if finding.severity != "info"]
+        raise CalibrationError(f"no two patches can be compared: {'; '.join(map(finding_text, omitted))}")
+    warnings = [finding for finding in calibration.findings if finding.severity != "info"]
     corrected = _correction_findings(twin, {o.exposure_s for o in usable})
     response = calibration.response
     return TwinEvaluation(
@@ -135,7 +135,7 @@ def twin_session(
         regions=tuple(regions.values()),
         pairs=tuple(compared[pair] for pair in requests if pair in compared),
         patches=tuple(twin_patch(twin.at(o.exposure_s), regions[n], o, response) for n, o in longest.items()),
-        findings=(*of_left_out, *mismatches, *corrected, *twin.findings, *of_calibration),
+        findings=(*omitted, *mismatches, *corrected, *twin.findings, *warnings),
         contrasts=contrast if isinstance(contrast, tuple) else (),
     )
 

@@ -145,8 +145,10 @@ class TwinParameters:
         current_e_s = self.dark_current_e_s.value
         t = 0.0 if exposure_s is None else exposure_s
         lines = (self.row_dsnu_dn, self.column_dsnu_dn, self.read_noise_dn)
-        of_pixels = (self.pattern_taken_off_dn or self.dsnu_dn.value, self.dsnu_dn_s.value * t)
-        spread_dn2 = sum(part**2 for part in (*of_pixels, *(line.value for line in lines))) + k * k * current_e_s * t
+        pixel_spreads = (self.pattern_taken_off_dn or self.dsnu_dn.value, self.dsnu_dn_s.value * t)
+        spread_dn2 = (
+            sum(part**2 for part in (*pixel_spreads, *(line.value for line in lines))) + k * k * current_e_s * t
+        )
         black_dn = mean_before_rounding(self.dark_dn(t), spread_dn2) - k * current_e_s * t
         height, width = shape
         same: dict[str, Any] = {name: self.quantities[name][1].value for name in _OF_SENSOR}

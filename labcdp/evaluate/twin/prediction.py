@@ -128,7 +128,7 @@ def predict_regions(
     for sign in (-1, 1):
         light += [[1 + sign * rel] * len(regions), [1 + sign * region.reading_rel for region in regions]]
     best, *moved = _luminances(twin, regions, exposure_s, response, light)
-    of_noise = {
+    noise_shifts = {
         name: [_luminances(_shifted(twin, names, sign), regions, exposure_s, response, [same])[0] for sign in (-1, 1)]
         for name, names in _SHIFTED.items()
     }
@@ -137,7 +137,7 @@ def predict_regions(
     for i, (region, best_region) in enumerate(zip(regions, best, strict=True)):
         full = twin.responsivity.value * exposure_s * float(region.vignetting.mean())
         per_dn = float(response.slope(response.inverse(full * region.luminance_cd_m2))) / full
-        shifted = {name: (both[0][i], both[1][i]) for name, both in of_noise.items()}
+        shifted = {name: (both[0][i], both[1][i]) for name, both in noise_shifts.items()}
         shifted["responsivity"] = moved[0][i], moved[2][i]
         shifted[f"meter reading of {region.name}"] = moved[1][i], moved[3][i]
         shifted["dark signal"] = added(best_region, darkness_dn * per_dn)
@@ -188,8 +188,8 @@ def _luminances(
     r_t = twin.responsivity.value * exposure_s
     signal = [
         r_t * v * light * region.luminance_cd_m2 * factor
-        for of_set in factors
-        for region, factor in zip(regions, of_set, strict=True)
+        for set_factors in factors
+        for region, factor in zip(regions, set_factors, strict=True)
         for v, light, _ in [region.kinds]
     ]
     per_s = twin.k_dn_per_e.value * exposure_s
@@ -206,9 +206,9 @@ def _luminances(
         for each, taken_off_dn in kinds or [(sensor, 0.0)]
     ]
     result, first_row = [], 0
-    for of_set in factors:
-        of_regions = []
-        for region, _ in zip(regions, of_set, strict=True):
+    for set_factors in factors:
+        distributions = []
+        for region, _ in zip(regions, set_factors, strict=True):
             v, _, share = region.kinds
             rows_here = [
                 (row, linear, i) for rows, linear in seen for i, row in enumerate(rows[first_row : first_row + v.size])
@@ -217,8 +217,8 @@ def _luminances(
             values = np.concatenate([linear[first : first + p.size] / v[i] for (first, p), linear, i in rows_here])
             weights = np.concatenate([p * share[i] / len(seen) for (_, p), _, i in rows_here])
             distinct, which = np.unique(values, return_inverse=True)
-            of_regions.append(Distribution(distinct, np.bincount(which, weights)))
-        result.append(of_regions)
+            distributions.append(Distribution(distinct, np.bincount(which, weights)))
+        result.append(distributions)
     return result
 
 

@@ -136,8 +136,8 @@ def _seen_region(luminance: LuminanceMap, roi: Roi, exposure_s: float, frame_num
         # At zero signal the relative error of the dark signal is infinite; its error in luminance is that elsewhere.
         with np.errstate(invalid="ignore"):
             absolute = np.broadcast_to(error.relative, values.shape)[sound] * values[sound]
-        of_mean = float(np.mean(absolute[np.isfinite(absolute)]))
-        errors.append(RegionError(error.source, of_mean, of_mean / mean if mean else 0.0))
+        mean_error = float(np.mean(absolute[np.isfinite(absolute)]))
+        errors.append(RegionError(error.source, mean_error, mean_error / mean if mean else 0.0))
     return MeasuredPatch(values[sound], exposure_s, frame_number, tuple(errors))
 
 
@@ -220,12 +220,12 @@ def predicted_signal(
     harmonic = 1 / float((1 / region.vignetting).mean())
     net_dn, light_dn = response.inverse([on_axis * v for v in (harmonic, float(region.vignetting.mean()))])
     rel = hypot(twin.responsivity.u_known / twin.responsivity.value, region.reading_rel, region.flat_field_rel)
-    of_light = rel * on_axis * harmonic / float(response.slope(net_dn))
-    mean_u = hypot(of_light, twin.dark_standard_uncertainty_dn(exposure_s), region.darkness_dn)
+    light_u_dn = rel * on_axis * harmonic / float(response.slope(net_dn))
+    mean_u = hypot(light_u_dn, twin.dark_standard_uncertainty_dn(exposure_s), region.darkness_dn)
     k, read = twin.k_dn_per_e, twin.read_noise_dn
     above_dn = float(light_dn) + twin.dark_current_e_s.value * k.value * exposure_s
     temporal = sqrt(read.value**2 + ROUNDING_DN2 + k.value * above_dn)
-    temporal_u = hypot(2 * read.value * read.u_known, above_dn * k.u_known, k.value * of_light) / (2 * temporal)
+    temporal_u = hypot(2 * read.value * read.u_known, above_dn * k.u_known, k.value * light_u_dn) / (2 * temporal)
     parts = [(each, 1.0) for each in (twin.dsnu_dn, twin.row_dsnu_dn, twin.column_dsnu_dn)]
     parts += [(twin.dsnu_dn_s, exposure_s), (twin.prnu_rel, float(net_dn))]
     spatial = hypot(*(part.value * factor for part, factor in parts))

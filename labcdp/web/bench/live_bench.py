@@ -285,8 +285,8 @@ class LiveBench:
     def pair(self) -> Pair | None:
         """Contrast and CDP of the chosen pair in the newest image; None until they are measured as asked for now."""
         pair, chosen, target = self.workspace.measured.pair, self.workspace.drawing.pair_rois, self.target
-        of_now = pair is not None and pair.answers(chosen, target.contrasts, target.epsilon)
-        return pair.result if pair is not None and of_now else None
+        is_current = pair is not None and pair.answers(chosen, target.contrasts, target.epsilon)
+        return pair.result if pair is not None and is_current else None
 
     def newest_evaluation(self, pair: PlannedPair) -> PairEvaluation | None:
         """Return what was last measured of a pair of the plan with these settings; None if nothing was."""
@@ -294,8 +294,8 @@ class LiveBench:
         chosen, (besides, taken) = self.workspace.measured.pair, self._evaluations.get(pair, (None, None))
         if chosen is not None and chosen.answers(*request):
             return chosen
-        of_now = besides is not None and besides.answers(*request) and taken == self.workspace.measured.taken
-        return besides if of_now else None
+        is_current = besides is not None and besides.answers(*request) and taken == self.workspace.measured.taken
+        return besides if is_current else None
 
     @property
     def points(self) -> tuple[PairPoint, ...]:

@@ -214,7 +214,7 @@ def planned_pairs(
 ) -> tuple[PlannedPair, ...]:
     """Return the pairs of a plan, with its contrasts and tolerances unless others are given for all pairs."""
     pairs = () if plan is None else plan.contrasts
-    of_plan = {
+    by_plan = {
         PlannedPair(
             pair.bright,
             pair.dark,
@@ -222,7 +222,7 @@ def planned_pairs(
         ): None
         for pair in pairs
     }
-    return tuple(of_plan)
+    return tuple(by_plan)
 
 
 class LiveMeasurements(Measurements):

@@ -62,7 +62,7 @@ class PictureView:
         self.link = PageLink()
         self.scale = DisplayScale.of(image.display)
         #: Whether luminance is shown, and whether images follow each other.
-        self.of_light, self._live = False, False
+        self.shows_light, self._live = False, False
         self.modes = RadioButtonGroup(labels=list(MODES), active=0, name="modes")
         self.theme = RadioButtonGroup(labels=["Light", "Dark", "Red light"], active=0, name="theme", margin=(4, 8))
         self.hint = Div(text="", name="hint", sizing_mode="stretch_width", min_height=_HINT_PX)
@@ -131,14 +131,14 @@ class PictureView:
         self.image = image
         self.show_part(self._part, self._screen)
 
-    def show_scale(self, scale: DisplayScale, *, of_light: bool = False, coloured: bool = False) -> None:
+    def show_scale(self, scale: DisplayScale, *, shows_light: bool = False, coloured: bool = False) -> None:
         """Change the mapping of values, or of luminance, to grey levels or false colours."""
-        self.scale, self.of_light = scale, of_light
+        self.scale, self.shows_light = scale, shows_light
         palette = Viridis256 if coloured else _GREY
         self._palette = tuple(palette)
         self._colour_ends()
         for name, bar in self._bars.items():
-            bar.visible = of_light and name == scale.name
+            bar.visible = shows_light and name == scale.name
             if bar.visible:
                 bar.color_mapper.update(low=scale.black, high=scale.white, palette=list(palette))
         self._show_overview()
@@ -148,7 +148,7 @@ class PictureView:
     def _colour_ends(self) -> None:
         """Mark saturated pixels and those at 0 or below the black; in red light other reds would not differ."""
         palette, saturated = self._palette, _SATURATED_IN_RED if self.theme.active == _RED_LIGHT else _SATURATED
-        ends = (_BLACK, saturated) if self.of_light or self._live else (palette[0], palette[-1])
+        ends = (_BLACK, saturated) if self.shows_light or self._live else (palette[0], palette[-1])
         self._colours.palette = [ends[0], *palette[1:-1], ends[1]]
 
     def _show_overview(self) -> None:
@@ -167,7 +167,7 @@ class PictureView:
         pixels = min(screen[0], _MOST_PX), min(screen[1], _MOST_PX)
         self._n_sent += 1
         shown = tile(self._shown, self.scale, (left, top, right, bottom), pixels)
-        self._put(self._detail, self._marked(shown) if self._live and not self.of_light else shown)
+        self._put(self._detail, self._marked(shown) if self._live and not self.shows_light else shown)
 
     def _marked(self, shown: Tile) -> Tile:
         """Mark what has a saturated pixel or one at 0, however far out the picture is zoomed."""
@@ -182,12 +182,12 @@ class PictureView:
 
     @property
     def _shown(self) -> NDArray[Any]:
-        return self.image.light_display if self.of_light else self.image.display
+        return self.image.light_display if self.shows_light else self.image.display
 
     @property
     def _step(self) -> int:
         """Pixels of the image, along each side, per displayed pixel."""
-        if self.of_light:
+        if self.shows_light:
             return self.image.step
         return 1 if self.image.colour_filter is None else 2
 

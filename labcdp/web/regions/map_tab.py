@@ -49,7 +49,7 @@ class MapTab:
         self._shown = field("Select", "Picture", options=[_VALUES, _COLOURS, _GREY], width=220)
         self._kind = field("Select", "Scale", options=list(SCALES), value=self._dn_scale.name, width=110)
         self._low, self._high = (
-            page.number(name, lambda _value: page.soon(self._rescale), (0.0, inf), of_view=True, width=110)
+            page.number(name, lambda _value: page.soon(self._rescale), (0.0, inf), view_only=True, width=110)
             for name in ("From", "To")
         )
         tip = "Span the luminances of the picture"
@@ -117,11 +117,11 @@ class MapTab:
         self._show(self._shown.value)
 
     def _show(self, what: str) -> None:
-        of_dn = what == _VALUES
-        self._enable(not of_dn)
-        kinds = list(SCALES) if of_dn else ["logarithm", "linear"]
-        self._kind.param.update(options=kinds, value=self._dn_scale.name if of_dn else kinds[0])
-        if not (of_dn or self._high.value):
+        is_dn = what == _VALUES
+        self._enable(not is_dn)
+        kinds = list(SCALES) if is_dn else ["logarithm", "linear"]
+        self._kind.param.update(options=kinds, value=self._dn_scale.name if is_dn else kinds[0])
+        if not (is_dn or self._high.value):
             self._fit_scale()
         self._rescale()
 
@@ -129,7 +129,7 @@ class MapTab:
         if self._shown.value == _VALUES:
             self._picture.show_scale(replace(self._dn_scale, name=self._kind.value))
             return
-        self._picture.show_scale(self._scale(), of_light=True, coloured=self._shown.value == _COLOURS)
+        self._picture.show_scale(self._scale(), shows_light=True, coloured=self._shown.value == _COLOURS)
 
     def _scale(self) -> DisplayScale:
         kind: ScaleName = self._kind.value
@@ -149,10 +149,10 @@ class MapTab:
         if self._shown.value == _VALUES:
             self._shown.value = _COLOURS
 
-    def _enable(self, of_light: bool) -> None:
+    def _enable(self, is_light: bool) -> None:
         """Allow ends of the scale where luminance is shown."""
         for field in (self._low, self._high):
-            field.widget.disabled = not of_light
+            field.widget.disabled = not is_light
 
     def _set_levels(self, text: str) -> None:
         self._levels = number_list(text)

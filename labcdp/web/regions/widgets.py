@@ -145,12 +145,12 @@ class Widgets:
         action: Callable[[Any], object] | None = None,
         limits: tuple[float, float] = (-inf, inf),
         *,
-        of_view: bool = False,
+        view_only: bool = False,
         **options: Any,
     ) -> NumberField:
         """Return a field for a number, for whole ones if its value is an int; it may be empty if it has none at first.
 
-        With `of_view` it changes what this tab shows only, and is for all tabs.
+        With `view_only` it changes only what this tab shows, and may be used in all tabs.
         """
         value = options.pop("value", None)
         field = NumberField(name, limits, value, isinstance(value, int), **options)
@@ -165,7 +165,7 @@ class Widgets:
                 self._complain(field.widget, "")
                 return
             act = partial(self._try, field.widget, entered)
-            (act if of_view else self.guarded(act))(event.new)
+            (act if view_only else self.guarded(act))(event.new)
             self.changed()
 
         field.widget.param.watch(watcher, "value")

@@ -181,8 +181,8 @@ def map_edges(
     bright, dark = sides = np.where(swapped, near.pairs.T[::-1], near.pairs.T)
     by_calibration = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in errors), start=np.zeros(bright.size)))
     contrast, uncertainty, least = _contrasts(regions, sides, by_calibration, noise.inflation)
-    of_smooth = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in smooth), start=np.zeros(bright.size)))
-    uncertainty = np.hypot(uncertainty, (1 + contrast) * of_smooth)
+    smooth_u = np.sqrt(sum((np.square(x[bright] - x[dark]) for x in smooth), start=np.zeros(bright.size)))
+    uncertainty = np.hypot(uncertainty, (1 + contrast) * smooth_u)
     # Where there is no light on the whole, there is no contrast either.
     by_calibration = np.where(np.isfinite(by_calibration), by_calibration, 0.0)
     wanted, significant, shading = contrast, contrast > least, np.zeros(contrast.size, np.bool_)
@@ -226,16 +226,18 @@ def _contrasts(
 
     with np.errstate(divide="ignore", invalid="ignore"):
         variance = inflation * regions.std**2 / regions.n_pixels
-        of_bright, of_dark = variance[sides]
+        variance_bright, variance_dark = variance[sides]
         means, n_bright, n_dark = regions.mean[sides], *regions.n_pixels[sides]
         contrast = np.where(means[1] > 0, means[0] / means[1] - 1, nan)
-        rel = np.sqrt(of_bright / means[0] ** 2 + of_dark / means[1] ** 2 + by_calibration**2)
+        rel = np.sqrt(variance_bright / means[0] ** 2 + variance_dark / means[1] ** 2 + by_calibration**2)
         # Without a contrast the bright region is as bright as the dark one.
-        rel_without = np.sqrt((of_bright + of_dark) / means[1] ** 2 + by_calibration**2)
-        dof = (of_bright + of_dark) ** 2 / (of_bright**2 / (n_bright - 1) + of_dark**2 / (n_dark - 1))
+        rel_without = np.sqrt((variance_bright + variance_dark) / means[1] ** 2 + by_calibration**2)
+        dof = (variance_bright + variance_dark) ** 2 / (
+            variance_bright**2 / (n_bright - 1) + variance_dark**2 / (n_dark - 1)
+        )
         # Regions without any scatter have no degrees of freedom, and need none.
-        k = stdtrit(np.where(np.isfinite(dof), dof, 1.0), 1 - FALSE_ALARM / (2 * max(of_dark.size, 1)))
-        least = np.where(of_bright + of_dark > 0, k, 1.0) * rel_without
+        k = stdtrit(np.where(np.isfinite(dof), dof, 1.0), 1 - FALSE_ALARM / (2 * max(variance_dark.size, 1)))
+        least = np.where(variance_bright + variance_dark > 0, k, 1.0) * rel_without
     known = means[1] > 0
     return contrast, np.where(known, (1 + contrast) * rel, nan), np.where(known, least, nan)
 

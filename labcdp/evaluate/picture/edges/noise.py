@@ -167,8 +167,8 @@ def cdp_of_noise(regions: MapRegions, deviation: Floats, sides: Labels, contrast
     def up_to(limit: Floats) -> Floats:
         ratio = 1 + limit
         bright, dark = regions.mean[sides]
-        of_bright, of_dark = deviation[sides]
-        scatter = np.hypot(of_bright, ratio * of_dark)
+        deviation_bright, deviation_dark = deviation[sides]
+        scatter = np.hypot(deviation_bright, ratio * deviation_dark)
         return np.asarray(ndtr((ratio * dark - bright) / scatter))
 
     with np.errstate(divide="ignore", invalid="ignore"):

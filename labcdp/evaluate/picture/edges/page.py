@@ -137,20 +137,20 @@ def _cards(edge_map: ContrastMap) -> list[Card]:
     if seen + lost == 0:
         none = Card("Detected edges", "none", f"No edge has a measurable contrast of at least {least}.")
         return [none, *_left_out(edge_map)]
-    of_length = f"{share_percent(1 - edge_map.detected_border_share)} of their length"
+    length_text = f"{share_percent(1 - edge_map.detected_border_share)} of their length"
     # Where the contrast of the scene is given, borders that hardly show one are asked for it, too.
     pale = int(
         np.count_nonzero(edge_map.mask_of_kinds(EdgeKind.LOST) & (edge_map.edges.contrast < settings.minimum_contrast))
     )
     scene = f"at least {least}" if edge_map.contrast is None else f"{percent(edge_map.contrast)} in the scene"
-    of_lost = (f"{pale} measure below {least}: hidden, as behind a veil",) if pale else ()
+    lost_text = (f"{pale} measure below {least}: hidden, as behind a veil",) if pale else ()
     return [
         Card(
             "Detected edges", share_percent(edge_map.detected_share), f"{seen} of {seen + lost} edges of objects",
             (f"contrast of {scene}", f"CDP of at least {settings.detected:g}"), state="plain" if lost else "good",
         ),
         Card(
-            "Lost edges", str(lost), of_length, (f"CDP below {settings.detected:g}", *of_lost),
+            "Lost edges", str(lost), length_text, (f"CDP below {settings.detected:g}", *lost_text),
             state="bad" if lost else "good",
         ),
         *_left_out(edge_map),

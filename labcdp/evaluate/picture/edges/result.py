@@ -62,8 +62,8 @@ def map_result(edge_map: ContrastMap, source: PictureSource, inputs: Sequence[In
     # All of them are edges of objects.
     hidden = ("border_px", "significant_contrast", "saturated")
     columns = tuple(replace(column, shown=column.shown and column.name not in hidden) for column in weakest.columns)
-    of_contrast = () if edge_map.others else _values_at_contrast(edge_map)
-    summary = quantity_table("summary", "Edges of the image", (*of_contrast, *_values_at_any_contrast(edge_map)))
+    detection = () if edge_map.others else _values_at_contrast(edge_map)
+    summary = quantity_table("summary", "Edges of the image", (*detection, *_values_at_any_contrast(edge_map)))
     return Result(
         kind="image-map",
         title=source.path.name,
@@ -183,7 +183,7 @@ def contrast_map_dataset(edge_map: ContrastMap, source: PictureSource, result: R
 
     regions, step = edge_map.regions, edge_map.luminance.step
     light = "1" if source.unit == "relative" else "cd m-2"
-    of_region = {
+    region_values = {
         "mean": (regions.mean, light),
         "std": (regions.std, light),
         "noise": (regions.noise, light),
@@ -205,7 +205,7 @@ def contrast_map_dataset(edge_map: ContrastMap, source: PictureSource, result: R
 
     data = {
         "label": (("y", "x"), regions.labels),
-        **{f"region_{name}": ("region", values, {"units": unit}) for name, (values, unit) in of_region.items()},
+        **{f"region_{name}": ("region", values, {"units": unit}) for name, (values, unit) in region_values.items()},
         "kind": (*over([single.edges.kind for single in edge_map.each]), flags),
     }
     for name in _VARIABLES:

@@ -141,11 +141,11 @@ def _curves(view: MapView) -> LayoutDOM:
         _add_legend(above, items)
         return above
     below = _figure(axis, axis_label(axis), _SNR, None, "SNR in dB (20 lg)", tools=tools, x_range=above.x_range)
-    of_snr = _draw_lines(below, view, snr)
+    snr_renderers = _draw_lines(below, view, snr)
     _add_legend(above, items)
     # Only what the curves of CDP do not have already; those are switched with them.
-    _add_legend(below, [item for item in _items(of_snr) if item.label["value"] not in drawn])
-    for text, renderers in of_snr.items():
+    _add_legend(below, [item for item in _items(snr_renderers) if item.label["value"] not in drawn])
+    for text, renderers in snr_renderers.items():
         for model in renderers:
             if text in drawn:
                 drawn[text][0].js_link("visible", model, "visible")

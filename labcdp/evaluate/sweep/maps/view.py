@@ -145,8 +145,8 @@ class MapView:
                 self.text_of({name: value for name, value in at.items() if name != TO_DETECT}) if several else ""
             )
             for name, other in zip(names, cycle(free), strict=False) if at in apart else ():
-                of_name = (section_text, colour) if section_text else (VARIABLES[name].label, other)
-                snr.append(self._line(at, section, name, *of_name))
+                text_and_colour = (section_text, colour) if section_text else (VARIABLES[name].label, other)
+                snr.append(self._line(at, section, name, *text_and_colour))
         return cdp, snr
 
     def _line(self, at: At, section: Dataset, variable: str, text: str, colour: str) -> DrawnCurve:

@@ -213,8 +213,8 @@ def _pairs(
     means = metrics.weber_contrast_of_means(*regions), _mean_contrast(*regions)
     ratios = metrics.csnr(*regions), metrics.cnr(*regions), metrics.d_prime(*regions)
     neighbours = repeat(None, len(targets)) if pixels is None else metrics.cdp_neighbours(pixels, targets, epsilon)
-    for cdp, of_pixels in zip(metrics.cdp(*regions, targets, epsilon), neighbours, strict=True):
-        yield PairRow(*names, true_contrast, *means, cdp, of_pixels, *ratios)
+    for cdp, cdp_of_pixels in zip(metrics.cdp(*regions, targets, epsilon), neighbours, strict=True):
+        yield PairRow(*names, true_contrast, *means, cdp, cdp_of_pixels, *ratios)
 
 
 def _mean_contrast(bright: metrics.Distribution, dark: metrics.Distribution) -> float:

@@ -35,9 +35,9 @@ def _estimated(column: Column, *, expanded: bool = True) -> tuple[Column, ...]:
     def u(row: Any) -> float | None:
         return None if isinf(value(row)) else float(estimate(row).u)
 
-    value_column, of_u, standard = uncertain(replace(column, value=value), u)
+    value_column, expanded_column, standard = uncertain(replace(column, value=value), u)
     if expanded:
-        return value_column, of_u, standard
+        return value_column, expanded_column, standard
     return replace(value_column, expanded=""), replace(standard, unit=column.unit)
 
 

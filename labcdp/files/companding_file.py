@@ -12,14 +12,14 @@ from pydantic import Field
 from ..core.disk import read_toml
 from ..core.disk.files import shown
 from ..core.errors import ConfigurationError, InputError
-from ..session.tables import Format, Number, Table, Text, Whole
+from ..session.tables import ConfigurationTable, Format, Number, Text, Whole
 from ..session.validation import validated
 from .companding import Companding
 
 _Knees = Annotated[tuple[Number, ...], Field(min_length=2, max_length=65536)]
 
 
-class _CurveFile(Table):
+class _CurveFile(ConfigurationTable):
     """Keys of the file, as of `Companding`."""
 
     format: Format = Field(1, description="1, the format this labcdp knows, or update labcdp")

@@ -285,4 +285,4 @@ def _look_for(info: CameraInfo, everywhere: bool) -> CameraInfo | None:
     if info.protocol == "GigEVision" and not everywhere:
         seen = gvcp.announce(info.address, tries=1)
         return info if seen is not None and seen.serial == info.serial else None
-    return next((each for each in discover() if each.serial == info.serial), None)
+    return next((candidate for candidate in discover() if candidate.serial == info.serial), None)

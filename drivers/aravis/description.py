@@ -170,7 +170,9 @@ def _check_chains(references: Mapping[str, list[str]]) -> None:
                 continue
             follows = next(waiting[node], None)
             if follows is None:
-                lengths[node] = 1 + max((lengths.get(each, 0) for each in references.get(node, ())), default=0)
+                lengths[node] = 1 + max(
+                    (lengths.get(reference, 0) for reference in references.get(node, ())), default=0
+                )
                 if lengths[node] > _MOST_IN_CHAIN:
                     raise UnusableError(f"{node[:80]!r} follows from a chain of more than {_MOST_IN_CHAIN} features")
             elif follows in waiting and follows not in lengths:

@@ -44,24 +44,24 @@ def write_feature(camera: Any, name: str, value: FeatureValue) -> FeatureValue:
     CameraSettingError
         If there is no such feature, it cannot be written, or the value is of a wrong type or out of range.
     """
-    node, said = _node(camera, name), f"feature {name}"
+    node, subject = _node(camera, name), f"feature {name}"
     if not _allows(node, "W"):
-        raise CameraSettingError(f"{said} cannot be written", "it is read-only, or locked by another setting")
+        raise CameraSettingError(f"{subject} cannot be written", "it is read-only, or locked by another setting")
     kind = _kind(node)
     if not kind:
-        raise CameraSettingError(f"{said} is {_kind_text(node)}, so it has no value that could be written")
+        raise CameraSettingError(f"{subject} is {_kind_text(node)}, so it has no value that could be written")
     accepted, words = _KINDS[kind]
     if kind == "GcEnumeration":
         entries = camera.dup_available_enumerations_as_strings(name)
         if value not in entries:
-            raise CameraSettingError(f"{said} has no value {value!r}", f"choose one of {', '.join(entries)}")
+            raise CameraSettingError(f"{subject} has no value {value!r}", f"choose one of {', '.join(entries)}")
     elif not isinstance(value, accepted) or isinstance(value, bool) != (kind == "GcBoolean"):
-        raise CameraSettingError(f"{said} takes {words}, not {value!r}")
+        raise CameraSettingError(f"{subject} takes {words}, not {value!r}")
     if kind == "GcInteger":
-        require_range(said, value, camera.get_integer_bounds(name), step=_increment(camera, name))
+        require_range(subject, value, camera.get_integer_bounds(name), step=_increment(camera, name))
     elif kind == "GcFloat":
         value = float(value)
-        require_range(said, value, camera.get_float_bounds(name))
+        require_range(subject, value, camera.get_float_bounds(name))
     setters = {"GcInteger": camera.set_integer, "GcFloat": camera.set_float, "GcBoolean": camera.set_boolean}
     setters.get(kind, camera.set_string)(name, value)
     return _value(node) if _allows(node, "R") else value
@@ -178,7 +178,7 @@ def writable(camera: Any, name: str) -> bool:
 
 def _node(camera: Any, name: str) -> Any:
     if available(camera, name) is None:
-        close = difflib.get_close_matches(name, [each.get_name() for each in _nodes(camera)], n=3)
+        close = difflib.get_close_matches(name, [known.get_name() for known in _nodes(camera)], n=3)
         hint = f"did you mean {' or '.join(close)}?" if close else "features() lists what can be read"
         raise CameraSettingError(f"the camera has no feature {name!r} now", hint)
     return camera.get_device().get_feature(name)

@@ -98,8 +98,10 @@ def description(vendor: str, model: str, table: FeatureTable) -> str:
     """
     nodes = [_category("Root", table), _node("Integer", "Never", "<Value>0</Value>")]
     for name, features in table.items():
-        nodes.append(_category(name, [each for each, values in features.items() if not values.get("hidden")]))
-        nodes += [_nodes(each, values) for each, values in features.items()]
+        nodes.append(
+            _category(name, [feature_name for feature_name, values in features.items() if not values.get("hidden")])
+        )
+        nodes += [_nodes(feature_name, values) for feature_name, values in features.items()]
     return f"""<?xml version="1.0" encoding="utf-8"?>
 <RegisterDescription ModelName={_identifier(model)} VendorName={_identifier(vendor)}
   StandardNameSpace="None" SchemaMajorVersion="1" SchemaMinorVersion="0" SchemaSubMinorVersion="1"

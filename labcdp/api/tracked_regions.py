@@ -142,7 +142,9 @@ def _joined(pairs: Sequence[Dataset]) -> Dataset:
 
 def _attributes(attributes: Sequence[dict[str, Any]], failed: Sequence[Finding]) -> dict[str, Any]:
     """Return the common attributes, with the findings of all pairs."""
-    merged = unique([*failed, *(each for attrs in attributes for each in restored(json.loads(attrs["findings"])))])
+    merged = unique(
+        [*failed, *(finding for attrs in attributes for finding in restored(json.loads(attrs["findings"])))]
+    )
     kept = ("title", "file", "sha256", "method", "unit", "epsilon", "conversion")
     return {**{name: attributes[0][name] for name in kept}, **noted(merged), "labcdp_version": version("labcdp")}
 

@@ -190,8 +190,8 @@ def _judge_pair(requirement: Requirement, pair: str, seen: Sequence[SeenContrast
         why = ", ".join(sorted({_why_not(requirement, contrast) for contrast in seen}))
         return JudgedPair(pair, "undecided", None, None, why, 0, 0, len(seen))
     verdicts = [(_verdict(contrast, limit), contrast) for contrast in judged]
-    verdict, worst = min(verdicts, key=lambda each: (_ORDER.index(each[0]), each[1].cdp))
-    n_met = sum(each == "met" for each, _ in verdicts)
+    verdict, worst = min(verdicts, key=lambda judged: (_ORDER.index(judged[0]), judged[1].cdp))
+    n_met = sum(verdict == "met" for verdict, _ in verdicts)
     margin = worst.cdp - limit
     return JudgedPair(pair, verdict, worst, margin, _limit(requirement, worst), len(verdicts), n_met, len(seen))
 

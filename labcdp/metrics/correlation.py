@@ -384,7 +384,7 @@ def lag_inflation(scores: _Array, pairs: _Array) -> float:
         factor(_weights((min(reaches[0], most), min(reaches[1], most)), products.shape))
         for most in range(max(reaches) + 1)
     )
-    return max(1.0, *(each for each in nearer if each is not None))
+    return max(1.0, *(factor for factor in nearer if factor is not None))
 
 
 def _reach(products: _Array, least: _Array) -> int:

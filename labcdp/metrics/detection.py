@@ -217,8 +217,8 @@ class NoisyRegion:
 
     def image_of(self, by_value: NDArray[np.float64]) -> NDArray[np.float64]:
         """Image of a quantity given for each distinct value, less its mean; 0 outside the region."""
-        each, image = by_value[self._levels], np.zeros(self.image.shape)
-        image[self.mask] = each - each.mean()
+        values, image = by_value[self._levels], np.zeros(self.image.shape)
+        image[self.mask] = values - values.mean()
         return image
 
 

@@ -83,7 +83,7 @@ def count_pairs(bright: Distribution, dark: Distribution, ratios: tuple[float, f
     # Each part takes a thread.
     parts = [slice(0, n // 2), slice(n // 2, n)] if n >= LONG else [slice(0, n)]
     counts = each_in_thread(lambda part: _count_part(bright, dark, part, ratios), parts, n)
-    weights, per_dark, flow = (list(each) for each in zip(*counts, strict=True))
+    weights, per_dark, flow = (list(arrays) for arrays in zip(*counts, strict=True))
     inside_per_dark = np.concatenate(per_dark)
     inside_per_dark /= bright.total
     for other in flow[1:]:

@@ -203,7 +203,7 @@ def target_contrasts(
     # A number is used as its shortest decimal, which for float32 differs from that of the nearest float64. `str` would
     # follow NumPy's print options, which other packages change.
     decimals = (float(np.format_float_scientific(value)) for value in array.ravel())
-    return [checked_contrast(each, tolerance, definition) for each in decimals], tolerance, array.shape
+    return [checked_contrast(decimal, tolerance, definition) for decimal in decimals], tolerance, array.shape
 
 
 def _plain(contrast: Any) -> Any:
@@ -211,7 +211,7 @@ def _plain(contrast: Any) -> Any:
     if isinstance(contrast, np.ndarray):
         return np.reshape(_plain(contrast.tolist()), contrast.shape) if contrast.dtype.kind in "iuUO" else contrast
     return (
-        [_plain(each) for each in contrast]
+        [_plain(part) for part in contrast]
         if isinstance(contrast, list | tuple)
         else plain_contrast(contrast, "contrast")
     )

@@ -312,8 +312,8 @@ def _formatted(value: Any, spec: str) -> str:
     """Format a value of a finding by a specification of `finding_text`."""
     if isinstance(value, list):
         if spec.startswith("to "):
-            return span(*(_formatted(each, spec[3:]) for each in value))
-        return ", ".join(_formatted(each, spec) for each in value)
+            return span(*(_formatted(part, spec[3:]) for part in value))
+        return ", ".join(_formatted(part, spec) for part in value)
     if value is None:
         return UNKNOWN
     if spec in _FORMATS:

@@ -89,7 +89,7 @@ def _sensitivity(figure: Figure, result: Characterisation) -> None:
 def _linearity(figure: Figure, result: Characterisation) -> None:
     """Draw the deviations from the line over the stimulus, or those of patches over the signal."""
     deviations = (linearity if is_series(result) else patch_deviations)(result.series, result.saturation_dn.value)
-    errors = [each.value for each in (result.linearity_error_min_rel, result.linearity_error_max_rel) if each]
+    errors = [error.value for error in (result.linearity_error_min_rel, result.linearity_error_max_rel) if error]
     assert deviations is not None
     if isinstance(deviations, Linearity):
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(1.2, 1.0))

@@ -116,7 +116,7 @@ def _frames_of_one_gain(records: Sequence[FrameRecord]) -> tuple[list[FrameRecor
 def _by_temperature(records: Sequence[FrameRecord]) -> list[list[FrameRecord]]:
     """Split frames where the temperature has changed; those without a temperature come together."""
     groups: dict[float, list[FrameRecord]] = {}
-    for record in sorted(records, key=lambda each: (_temperature(each), each.sequence)):
+    for record in sorted(records, key=lambda frame: (_temperature(frame), frame.sequence)):
         temperature, first = _temperature(record), next(reversed(groups), -inf)
         near = temperature <= first + _SAME_TEMPERATURE_K
         groups.setdefault(first if near else temperature, []).append(record)
@@ -206,7 +206,7 @@ def photometric_responsivity(
         return None, []
     vignetting = natural_vignetting(configuration, measured.state)
     seen = patch_observations(measured.patches, vignetting)
-    observations = [each for each in seen if each.patch in readings]
+    observations = [observation for observation in seen if observation.patch in readings]
     darks = [dark_observation(dark) for dark in measured.darks]
     try:
         calibration = fit(observations, darks, readings, session_setup(configuration, "0" * 64))

@@ -241,8 +241,10 @@ def _rows(subjects: tuple[Subject, ...]) -> tuple[tuple[Compared, ...], tuple[st
     if not rows:
         ours, theirs = (", ".join(list(values)[:3]) for values in (first, others[0]))
         raise InputError(f"{subjects[0].name} and {subjects[1].name} have no quantity in common ({ours}; {theirs})")
-    every = dict.fromkeys(name for each in (first, *others) for name in each)
-    return tuple(rows), tuple(name for name in every if not all(name in each for each in (first, *others)))
+    every = dict.fromkeys(name for named_values in (first, *others) for name in named_values)
+    return tuple(rows), tuple(
+        name for name in every if not all(name in named_values for named_values in (first, *others))
+    )
 
 
 def _flat(values: Any, name: str = "") -> Iterator[tuple[str, str]]:

@@ -54,7 +54,7 @@ class Uncertain:
     @property
     def ends(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """The value and the ends of its interval."""
-        value, below, above = (np.asarray(each, dtype=np.float64) for each in (self.value, self.below, self.above))
+        value, below, above = (np.asarray(array, dtype=np.float64) for array in (self.value, self.below, self.above))
         value, low, high = np.broadcast_arrays(value, value - below, value + above)
         return value, low, high
 

@@ -80,9 +80,9 @@ def _values(comparison: ComparisonEvaluation, names: Sequence[str], simulated: s
         style: dict[str, Any] = {"fmt": "o", "markersize": 4, "capsize": 3, "color": COLOURS[number % len(COLOURS)]}
         if cdps:
             style["xerr"] = np.nan_to_num(
-                [[each.below for each in values_shown], [each.above for each in values_shown]]
+                [[uncertain.below for uncertain in values_shown], [uncertain.above for uncertain in values_shown]]
             )
-        values = [each.value for each in values_shown] if cdps else [row.difference.z for row in rows]
+        values = [uncertain.value for uncertain in values_shown] if cdps else [row.difference.z for row in rows]
         axes.errorbar(np.array(values, dtype=float), places, label=name, **style)
     axes.set_yticks(range(len(drawn)), [printable(name) for name in drawn], parse_math=False)
     axes.set_ylim(len(drawn) - 0.5, -0.5)
@@ -151,12 +151,12 @@ def _maps(grid: Grid, names: Sequence[str], simulated: str) -> Figure:
         max(float(np.nanmax(np.abs(difference.value[index]), initial=0.0)) for difference in grid.differences) or 1.0
     )
     maps: list[tuple[str, Any, dict[str, Any]]] = [
-        (name, np.asarray(each.value)[index], {"cmap": SCALE, "vmin": 0, "vmax": 1})
-        for name, each in zip(names, grid.values, strict=True)
+        (name, np.asarray(value.value)[index], {"cmap": SCALE, "vmin": 0, "vmax": 1})
+        for name, value in zip(names, grid.values, strict=True)
     ]
     maps += [
-        (f"{name} minus {names[0]}", each.value[index], {"cmap": "RdBu", "vmin": -limit, "vmax": limit})
-        for name, each in zip(names[1:], grid.differences, strict=True)
+        (f"{name} minus {names[0]}", difference.value[index], {"cmap": "RdBu", "vmin": -limit, "vmax": limit})
+        for name, difference in zip(names[1:], grid.differences, strict=True)
     ]
     columns = min(len(maps), _MOST_COLUMNS)
     rows = ceil(len(maps) / columns)
@@ -173,7 +173,7 @@ def _maps(grid: Grid, names: Sequence[str], simulated: str) -> Figure:
 
 def comparison_files(comparison: ComparisonEvaluation, result: Result) -> dict[str, bytes]:
     """Return the files of a comparison as `result_files` does."""
-    said, tables = answer(comparison), {table.name: table for table in result.tables}
+    answers, tables = answer(comparison), {table.name: table for table in result.tables}
     axes = [axis.name for axis in comparison.grid.axes] if comparison.grid else []
     kept = ("quantity", "name", "difference", "unit", "z", "differs", "low", "low_end", "high", "high_end", *axes)
     brief = [tables[name].showing(*kept) for name in ("usable_ranges", "differences") if name in tables]
@@ -194,9 +194,9 @@ def comparison_files(comparison: ComparisonEvaluation, result: Result) -> dict[s
         if name in tables
     ]
     sections.append(Section("Method and inputs", (_METHOD, facts_table(input_facts(result))), collapsed=True))
-    summary = " ".join(f"{capitalised(finding_text(each))}." for each in said)
+    summary = " ".join(f"{capitalised(finding_text(finding))}." for finding in answers)
     page = Page.of(result, f"Comparison of {comparison.kind}s", summary, _cards(comparison), lead, sections)
-    page = replace(page, findings=[finding for finding in result.findings if finding not in said])
+    page = replace(page, findings=[finding for finding in result.findings if finding not in answers])
     return result_files(result, page)
 
 
@@ -248,7 +248,7 @@ def _range_texts(grid: Grid, analysis: MapAnalysis) -> tuple[str, ...]:
     ranges, axes = analysis.usable_ranges, {axis.name: axis for axis in grid.axes}
     texts = (ends_text(grid.axes[-1], usable.widest) if usable.widest else "none" for usable in ranges)
     return tuple(
-        f"{at_text(each.at, axes)}: {text}"
-        for each, text in zip(ranges, texts, strict=True)
+        f"{at_text(usable.at, axes)}: {text}"
+        for usable, text in zip(ranges, texts, strict=True)
         if len(ranges) <= _MOST_CARDS
     )

@@ -134,12 +134,10 @@ def _errors(
                 raise InputError(f"uncertainty_rel names {parameter}, no number of the chain: correct the name")
             continue
         ends = [_known(cdp, {parameter: _scaled(value, 1 + sign * u_rel)}) for sign in (1, -1)]
-        there = [each for each in ends if each is not None]
+        there = [end for end in ends if end is not None]
         # Where one end is no value that the parameter can have, the other one counts from the value itself.
         errors[parameter] = (
-            abs(there[0] - there[1]) / 2
-            if len(there) == 2
-            else max((abs(each - nominal) for each in there), default=0.0)
+            abs(there[0] - there[1]) / 2 if len(there) == 2 else max((abs(end - nominal) for end in there), default=0.0)
         )
     return errors
 

@@ -169,7 +169,7 @@ def _assumptions(comparison: ComparisonEvaluation) -> Iterator[Finding]:
         differing = [name for name in comparison.settings if name in _QUESTION]
         if differing:
             yield warning("compare-question-differs", names=differing)
-        if not any(np.any(each.below) for each in comparison.grid.values):
+        if not any(np.any(value.below) for value in comparison.grid.values):
             yield info("compare-exact")
         if comparison.question is not None:
             yield info("compare-on-axis")
@@ -285,7 +285,7 @@ def _cells(grid: Grid | None, names: list[str]) -> Iterator[Table]:
         return
     places = np.meshgrid(*(axis.values for axis in grid.axes), indexing="ij")
     columns = [
-        (Column(each.name, axis_name(each), axis_unit(each)), at) for each, at in zip(grid.axes, places, strict=True)
+        (Column(axis.name, axis_name(axis), axis_unit(axis)), at) for axis, at in zip(grid.axes, places, strict=True)
     ]
     for number, (name, value) in enumerate(zip(names, grid.values, strict=True), start=1):
         columns.append((Column(f"value_{number}", f"{grid.quantity} of {name}"), np.asarray(value.value)))

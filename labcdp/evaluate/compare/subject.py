@@ -205,8 +205,8 @@ def _results(name: str, path: Path, content: dict[str, Any], inputs: tuple[Input
         names = [str(row["picture"]) for row in rows] if len(rows) > 1 else [name]
         settings_of_rows = [settings | {key: row[key] for key in _OF_PICTURE if key in row} for row in rows]
         return [
-            Subject(kind, each, {**content, "number": number}, inputs, settings, simulated)
-            for number, (each, settings) in enumerate(zip(names, settings_of_rows, strict=True), start=1)
+            Subject(kind, row_name, {**content, "number": number}, inputs, settings, simulated)
+            for number, (row_name, settings) in enumerate(zip(names, settings_of_rows, strict=True), start=1)
         ]
     except (LookupError, TypeError, ValueError, AttributeError):
         raise InputError(damaged(name)) from None

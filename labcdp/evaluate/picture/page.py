@@ -99,7 +99,7 @@ def _cards(picture: MeasuredPicture, limit: float) -> list[Card]:
 def _card(contrast: AnyContrast, n_targets: int, limit: float) -> Card:
     value, interval, target, verdict = MISSING, "", MISSING, None
     if len(contrast.cdp):
-        cdp = max(contrast.cdp, key=lambda each: each.cdp)
+        cdp = max(contrast.cdp, key=lambda cdp: cdp.cdp)
         value, interval, target = fixed(cdp.cdp, cdp_decimals(cdp)), cdp_interval(cdp), percent(cdp.contrast)
         verdict = cdp_verdict(cdp.cdp, cdp.interval, limit)
         if contrast.targets_measured_contrast:

@@ -53,7 +53,7 @@ class Axis:
         given = given.tolist() if isinstance(given, np.ndarray | np.generic) else given
         is_list = isinstance(given, Sequence) and not isinstance(given, str)
         values = (
-            tuple(plain_fraction(each.item() if isinstance(each, np.generic) else each) for each in given)
+            tuple(plain_fraction(value.item() if isinstance(value, np.generic) else value) for value in given)
             if is_list
             else (None,)
         )

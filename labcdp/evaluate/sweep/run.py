@@ -238,7 +238,9 @@ def _row(pair: PairRow, dark: StageLuminance, bright: StageLuminance) -> NDArray
     """Return the variables of `VARIABLES` for one cell; where no pixel is above 0 cd/m^2, nothing is detected."""
     cdp = pair.cdp
     shares = (0.0, np.nan, 1.0, 0.0) if cdp is None else (cdp.cdp, cdp.u, cdp.below, cdp.above)
-    snr = [each.luminance_snr if each.saturated_share < _CLIPPED else Quantity(nan, nan) for each in (dark, bright)]
+    snr = [
+        region.luminance_snr if region.saturated_share < _CLIPPED else Quantity(nan, nan) for region in (dark, bright)
+    ]
     values = [ratio.value for ratio in snr]
     errors = [ratio.u for ratio in snr]
     return np.array([*shares, pair.mean_contrast, pair.csnr.value, *values, *errors, bright.saturated_share])

@@ -145,7 +145,7 @@ def _responsivity(observed: ObservedSession, calibration: Calibration, gain_fact
     """R with its uncertainty relative to the readings of this session; the scale of another meter does not cancel."""
     fit = calibration.responsivity
     scales = scales_apart(observed.meter_scale, calibration.meter_scale)
-    rel = hypot(fit.random_rel, *(each.common_rel for each in scales))
+    rel = hypot(fit.random_rel, *(scale.common_rel for scale in scales))
     value = gain_factor * fit.responsivity_dn_s_cd_m2
     return Quantity(value, rel * value, "DN/(cd m^-2 s)", "calibration, without the scale error of the meter")
 

@@ -190,7 +190,7 @@ def _compared(
         predicted = predict_regions(twin.at(exposure_s), shown, exposure_s, calibration.response)
         for pair in group:
             both = seen[pair.bright], seen[pair.dark]
-            if max(each.luminance_cd_m2.max() for each in both) <= 0:
+            if max(region.luminance_cd_m2.max() for region in both) <= 0:
                 left_out["pairs-not-above-zero"].append((pair.bright, pair.dark))
             else:
                 compared[pair] = compare_pair(pair, both, (predicted[pair.bright], predicted[pair.dark]))

@@ -170,7 +170,9 @@ class TwinParameters:
         """Return the twin with other K, noise or patterns; mean dark signal and signal in DN are unchanged."""
         twin = replace(self, **changes)
         by_k = self.k_dn_per_e.value / twin.k_dn_per_e.value
-        current, well = (replace(each, value=each.value * by_k) for each in (self.dark_current_e_s, self.full_well_e))
+        current, well = (
+            replace(quantity, value=quantity.value * by_k) for quantity in (self.dark_current_e_s, self.full_well_e)
+        )
         return replace(twin, dark_current_e_s=current, full_well_e=well)
 
     def takes_pattern_off(self, exposure_s: float) -> bool:

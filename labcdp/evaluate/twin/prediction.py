@@ -202,8 +202,8 @@ def _luminances(
         for frames_dn, taken_off_dn in dark_kinds(twin)
     ]
     seen = [
-        (_dn_rows(CameraModel(each, settings), rates), response.linearise(dn - taken_off_dn) / r_t)
-        for each, taken_off_dn in kinds or [(sensor, 0.0)]
+        (_dn_rows(CameraModel(variant, settings), rates), response.linearise(dn - taken_off_dn) / r_t)
+        for variant, taken_off_dn in kinds or [(sensor, 0.0)]
     ]
     result, first_row = [], 0
     for set_factors in factors:

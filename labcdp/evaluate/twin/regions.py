@@ -176,7 +176,7 @@ class TwinPatch:
 
         None for noise less than the converter's step: its variance depends on where between two DN the mean lies.
         """
-        dithered = min(each["temporal_dn"][0] for each in (self.predicted, self.measured)) ** 2 >= DITHERED_DN2
+        dithered = min(signals["temporal_dn"][0] for signals in (self.predicted, self.measured)) ** 2 >= DITHERED_DN2
         z_by_kind: dict[str, float | None] = {}
         for kind in KINDS:
             both = [self.predicted[kind], self.measured[kind]]
@@ -226,7 +226,7 @@ def predicted_signal(
     above_dn = float(light_dn) + twin.dark_current_e_s.value * k.value * exposure_s
     temporal = sqrt(read.value**2 + ROUNDING_DN2 + k.value * above_dn)
     temporal_u = hypot(2 * read.value * read.u_known, above_dn * k.u_known, k.value * light_u_dn) / (2 * temporal)
-    parts = [(each, 1.0) for each in (twin.dsnu_dn, twin.row_dsnu_dn, twin.column_dsnu_dn)]
+    parts = [(pattern, 1.0) for pattern in (twin.dsnu_dn, twin.row_dsnu_dn, twin.column_dsnu_dn)]
     parts += [(twin.dsnu_dn_s, exposure_s), (twin.prnu_rel, float(net_dn))]
     spatial = hypot(*(part.value * factor for part, factor in parts))
     in_square = hypot(*(part.value * part.u_known * factor**2 for part, factor in parts))

@@ -94,11 +94,13 @@ def _columns_for_kind(kind: str, label: str) -> tuple[Column, ...]:
     meaning = "Measured minus predicted (for noise, of the variances), divided by its standard uncertainty."
     measured, predicted = (Column(f"{of}_{kind}", f"{label}, {of}", "DN") for of in ("measured", "predicted"))
     return (
-        *uncertain(replace(measured, value=lambda each: each.measured[kind][0]), lambda each: each.measured[kind][1]),
         *uncertain(
-            replace(predicted, value=lambda each: each.predicted[kind][0]), lambda each: each.predicted[kind][1]
+            replace(measured, value=lambda patch: patch.measured[kind][0]), lambda patch: patch.measured[kind][1]
         ),
-        Column(f"z_{kind}", f"{label}, z", "", meaning, decimals=1, value=lambda each: each.z[kind]),
+        *uncertain(
+            replace(predicted, value=lambda patch: patch.predicted[kind][0]), lambda patch: patch.predicted[kind][1]
+        ),
+        Column(f"z_{kind}", f"{label}, z", "", meaning, decimals=1, value=lambda patch: patch.z[kind]),
     )
 
 
@@ -220,7 +222,7 @@ def twin_figure(evaluation: TwinEvaluation) -> ReportFigure:
         style = {"fmt": marker, "markersize": 5, "color": colour, "markerfacecolor": "none"}
         measured = np.array([[pair.measured.cdp, *pair.measured.interval] for pair in pairs]).T
         predicted = np.array([[pair.predicted, *pair.predicted_interval] for pair in pairs]).T
-        x, y = (np.maximum([each[0] - each[1], each[2] - each[0]], 0) for each in (predicted, measured))
+        x, y = (np.maximum([values[0] - values[1], values[2] - values[0]], 0) for values in (predicted, measured))
         left.errorbar(predicted[0], measured[0], y, x, elinewidth=0.8, label=name, **style)
         right.errorbar(predicted[0], [pair.z for pair in pairs], **style)
     left.plot([0, 1], [0, 1], color="0.5", linewidth=1, zorder=0)

@@ -125,18 +125,18 @@ def evaluate_parts(
         As `evaluate_video`, if there are no results at all.
     """
     source, converter = _opened(path, settings[0])
-    together = sorted({roi.name for each in settings for roi in each.rois})
+    together = sorted({roi.name for part_settings in settings for roi in part_settings.rois})
     with ExitStack() as stack:
         parts = []
-        for each, folder, observer in zip_longest(settings, folders, observers):
-            reference = load_reference(each)
-            head = {"video": source.sha256, **evaluation_head(each, reference)}
-            if len(together) > len(each.rois) > 0:
+        for part_settings, folder, observer in zip_longest(settings, folders, observers):
+            reference = load_reference(part_settings)
+            head = {"video": source.sha256, **evaluation_head(part_settings, reference)}
+            if len(together) > len(part_settings.rois) > 0:
                 head["followed_together"] = together
             journal = stack.enter_context(results_journal(folder, "video", JOURNAL, head, "evaluation"))
-            part = PartRun(each, converter, reference, journal, observer)
+            part = PartRun(part_settings, converter, reference, journal, observer)
             try:
-                _require_regions(source, each)
+                _require_regions(source, part_settings)
             except InputError as error:
                 part.failure = error
             parts.append(part)

@@ -97,7 +97,7 @@ def _counted_findings(columns: Mapping[str, NDArray[Any]], n_frames: int) -> Ite
     counts: dict[str, tuple[int, int, Finding]] = {}
     for frame, findings in zip(columns["frame"].tolist(), columns["findings"], strict=True):
         # Of several with one code the first one counts.
-        for code, finding in {_counted_as(each): each for each in reversed(findings)}.items():
+        for code, finding in {_counted_as(finding): finding for finding in reversed(findings)}.items():
             if code:
                 count, *first = counts.get(code, (0, frame, finding))
                 counts[code] = (count + 1, *first)
@@ -151,7 +151,7 @@ def reading_findings(
                 change = abs(otherwise - taken) / (1 + taken)
                 matters.append((change, frame, f"{bright_name} / {dark_name}", taken, otherwise))
         if matters:
-            _, frame, pair, taken, otherwise = max(matters, key=lambda each: each[0])
+            _, frame, pair, taken, otherwise = max(matters, key=lambda match: match[0])
             about = {"count": len(matters), "n_frames": columns["frame"].size, "frame": frame}
             yield doubts.finding(code, taken, otherwise, pair, **about)
 
@@ -216,7 +216,7 @@ def _lost_rows(dataset: Dataset, findings: Sequence[Sequence[Finding]]) -> Itera
     ends = [*times[1:].tolist(), float(times[-1] + period_s(times))]
     for region, name in enumerate(dataset["region"].values if "region" in dataset.dims else ()):
         for first, last in runs(dataset["lost"].isel(region=region).values.astype(bool)):
-            reasons = [each for each in findings[first] if is_lost(each) and each.subject == str(name)]
+            reasons = [finding for finding in findings[first] if is_lost(finding) and finding.subject == str(name)]
             yield {
                 "region": str(name),
                 "first_frame": frames[first],
@@ -232,8 +232,8 @@ def _lost_rows(dataset: Dataset, findings: Sequence[Sequence[Finding]]) -> Itera
 def _note_rows(dataset: Dataset, findings: Sequence[Sequence[Finding]]) -> list[dict[str, Any]]:
     """Return each finding about frames, with the first frame that has it, and how many do."""
     rows: dict[tuple[str, str], dict[str, Any]] = {}
-    for frame, each in zip(dataset["frame"].values.tolist(), findings, strict=True):
-        for finding in each:
+    for frame, findings_here in zip(dataset["frame"].values.tolist(), findings, strict=True):
+        for finding in findings_here:
             row = rows.setdefault(
                 (finding.code, finding.subject),
                 {

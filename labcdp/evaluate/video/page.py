@@ -75,7 +75,7 @@ def over_time(dataset: Dataset, result: Result) -> ReportFigure:
         f"Each drawn point stands for {number} frames: the line is their mean, the band reaches from the lowest to the "
         "highest end of their intervals.": number > 1,
     }
-    caption = " ".join(text for text, said in parts.items() if said)
+    caption = " ".join(text for text, shown in parts.items() if shown)
     alternative = "Curves of CDP, measured contrast and quality over time."
     return ReportFigure("over-time.png", video_figure(dataset, result), caption, alternative)
 
@@ -223,7 +223,7 @@ def _frame_rows(dataset: Dataset) -> Table:
                 named = replace(column, name=f"{column.name}[{name}, {corner}]", label=label)
                 variables.append((named, dataset[column.name].isel(region=region, corner=corner)))
     variables.append((NOTE, dataset.get(NOTE.name)))
-    each = dataset["cdp"]
+    cdp = dataset["cdp"]
     columns: list[Column] = []
     data: dict[str, Any] = {}
     for column, values in variables:
@@ -232,7 +232,7 @@ def _frame_rows(dataset: Dataset) -> Table:
             decimals = column.decimals if column.decimals is not None else 2 if column.unit == "%" else 4
             columns.append(replace(column, decimals=decimals))
             values = values.astype(float) if values.dtype == bool else values
-            data[column.name] = values.broadcast_like(each).transpose(*each.dims).values.ravel()
+            data[column.name] = values.broadcast_like(cdp).transpose(*cdp.dims).values.ravel()
     return _with_bounds(Table("Frames", "All numbers, one row per frame and contrast", tuple(columns), data), dataset)
 
 

@@ -71,7 +71,7 @@ def cdp_neighbours(
     """
     contrasts, tolerance, shape = target_contrasts(contrast, epsilon, definition)
     values = _usable(image_array(image))
-    counted = [_count(values, detected_ratios(each, tolerance, definition)) for each in contrasts]
+    counted = [_count(values, detected_ratios(contrast, tolerance, definition)) for contrast in contrasts]
     counts, marks = zip(*counted, strict=True) if counted else ((), ())
     return cdp_from_counts(contrasts, tolerance, definition, _pairs(values), counts, marks).reshape(shape)
 

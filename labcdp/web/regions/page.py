@@ -194,10 +194,10 @@ class RegionPage(Widgets):
     def _message_lines(self) -> Iterator[str]:
         """Write the messages of the moment, each once."""
         notice = self.workspace.notice
-        said = self.messages_above()
-        said += [("warning", f"{field}: {why}") for field, why in self.complaints.items()]
-        said += [(notice.kind, notice.text), *self.messages_below()]
-        for kind, words in dict.fromkeys(message for message in said if message[1]):
+        messages = self.messages_above()
+        messages += [("warning", f"{field}: {why}") for field, why in self.complaints.items()]
+        messages += [(notice.kind, notice.text), *self.messages_below()]
+        for kind, words in dict.fromkeys(message for message in messages if message[1]):
             role = "alert" if kind == "question" else "status"
             yield f"<div class='notice {kind}' role='{role}'>{html.text(words)}</div>"
 

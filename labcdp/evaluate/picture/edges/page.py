@@ -119,7 +119,7 @@ def map_page(edge_map: ContrastMap, drawn: Drawn, source: PictureSource, result:
 def _cards_of_contrasts(edge_map: ContrastMap) -> list[Card]:
     """Return a card for each of a few contrasts, or of the one with most detected edges."""
     few = len(edge_map.each) <= _MOST_MAPS
-    best = max(edge_map.each, key=lambda each: each.count(EdgeKind.SEEN))
+    best = max(edge_map.each, key=lambda single: single.count(EdgeKind.SEEN))
     cards = []
     for map_at_target in edge_map.each if few else [best]:
         seen, lost = map_at_target.count(EdgeKind.SEEN), map_at_target.count(EdgeKind.LOST)

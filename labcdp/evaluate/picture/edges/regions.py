@@ -87,7 +87,7 @@ class MapRegions:
         """Distributions of the measured pixels of some regions."""
         ends = np.cumsum(self.n_pixels)
         starts = ends - self.n_pixels
-        return {each: Distribution.from_array(self.values[starts[each] : ends[each]]) for each in wanted.tolist()}
+        return {label: Distribution.from_array(self.values[starts[label] : ends[label]]) for label in wanted.tolist()}
 
 
 def map_regions(luminance: LuminanceMap, size_px: int, *others: LuminanceMap) -> list[MapRegions]:
@@ -106,7 +106,7 @@ def map_regions(luminance: LuminanceMap, size_px: int, *others: LuminanceMap) ->
     labels, measured = map_cut(luminance.luminance_cd_m2, size_px)
     for other in others:
         measured &= np.isfinite(other.luminance_cd_m2)
-    return [_measured(each, labels, measured, size_px) for each in (luminance, *others)]
+    return [_measured(luminance_map, labels, measured, size_px) for luminance_map in (luminance, *others)]
 
 
 def _measured(luminance: LuminanceMap, labels: Labels, measured: NDArray[np.bool_], size_px: int) -> MapRegions:

@@ -120,7 +120,7 @@ def _contrasts(edge_map: ContrastMap) -> Iterator[Table]:
 
 
 def _counting(kind: EdgeKind) -> Callable[[ContrastMap], int]:
-    return lambda each: each.count(kind)
+    return lambda edge_map: edge_map.count(kind)
 
 
 def _values_at_any_contrast(edge_map: ContrastMap) -> list[NamedValue]:
@@ -199,9 +199,9 @@ def contrast_map_dataset(edge_map: ContrastMap, source: PictureSource, result: R
     }
     tables, several = [_edges(single, source.unit) for single in edge_map.each], bool(edge_map.others)
 
-    def over(each: list[Any]) -> tuple[Any, Any]:
+    def over(arrays: list[Any]) -> tuple[Any, Any]:
         """Return dimensions and values of what depends on the contrast to be detected."""
-        return ((TO_DETECT, "edge"), np.stack(each)) if several else ("edge", each[0])
+        return ((TO_DETECT, "edge"), np.stack(arrays)) if several else ("edge", arrays[0])
 
     data = {
         "label": (("y", "x"), regions.labels),

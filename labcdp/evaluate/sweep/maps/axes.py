@@ -246,14 +246,14 @@ VARIABLES = {
         Column("mean_contrast", "mean contrast", "%", "Mean contrast of the pairs with a dark value above 0."),
         Column("csnr", "CSNR", "", "Mean over standard deviation of the contrast."),
         *(
-            Column(f"snr_{each}", f"spatial SNR, {each} region", "",
-                   f"Mean over standard deviation of the {each} region's luminance.")
-            for each in ("dark", "bright")
+            Column(f"snr_{region}", f"spatial SNR, {region} region", "",
+                   f"Mean over standard deviation of the {region} region's luminance.")
+            for region in ("dark", "bright")
         ),
         *(
-            Column(f"snr_{each}_standard_error", f"u of spatial SNR, {each} region", "",
-                   f"Standard error of the SNR of the {each} region.", shown=False)
-            for each in ("dark", "bright")
+            Column(f"snr_{region}_standard_error", f"u of spatial SNR, {region} region", "",
+                   f"Standard error of the SNR of the {region} region.", shown=False)
+            for region in ("dark", "bright")
         ),
         Column("saturated_share", "saturated, bright region", "%", "Saturated share of the bright region."),
     )

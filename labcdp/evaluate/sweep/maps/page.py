@@ -83,9 +83,9 @@ def _cards(view: MapView) -> list[Card]:
     """Return the widest usable range, the deepest dip of each variable, and how well CDP is known."""
     analysis, ranges, cards = view.analysis, view.analysis.usable_ranges, []
     varied = {name for usable in ranges for name in usable.at if view.map.axes[name].values.size > 1}
-    each = varied == {TO_DETECT} and len(ranges) <= _MOST_CARDS
-    for shown_range in ranges if each else [analysis.widest or ranges[0]] if ranges else []:
-        cards.append(_range(view, shown_range, not each and len(ranges) > 1))
+    for_each_contrast = varied == {TO_DETECT} and len(ranges) <= _MOST_CARDS
+    for shown_range in ranges if for_each_contrast else [analysis.widest or ranges[0]] if ranges else []:
+        cards.append(_range(view, shown_range, not for_each_contrast and len(ranges) > 1))
     for variable in analysis.dip_variables:
         dips = [dip for dip in analysis.dips if dip.variable == variable]
         if dips:

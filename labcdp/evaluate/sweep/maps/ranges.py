@@ -108,7 +108,7 @@ class UsableRange:
     widest: UsableInterval | None = field(init=False)
 
     def __post_init__(self) -> None:
-        widest = max(self.intervals, key=lambda each: each.width, default=None)
+        widest = max(self.intervals, key=lambda interval: interval.width, default=None)
         object.__setattr__(self, "widest", widest)
 
 

@@ -105,7 +105,7 @@ def _cards(detection: Table, final: Sequence[str], contrast: TargetContrasts) ->
         if "measured_contrast" in row:
             lines.append(f"measured {cell_text(detection.column('measured_contrast'), row)} %")
         pair = f"{row['bright']} / {row['dark']}" if "bright" in row else ""
-        of = " at ".join(each for each in (pair, at if several else "") if each)
+        of = " at ".join(words for words in (pair, at if several else "") if words)
         detail = f"{kind}; 95 % interval {interval}" if interval else kind
         lines = lines or ([] if several else ["contrast of the scene"])
         name = f"{of}, after {row['stage']}" if of else f"After {row['stage']}"

@@ -13,7 +13,7 @@ from .trigger import clear_triggers
 #: Relative difference that a number may be rounded by.
 _ROUNDED_REL = 1e-3
 
-#: What is set where the camera has it, in this order. The first ones lock other features; a program that was killed
+#: Features that are set in this order if the camera has them. The first ones lock others; a program that was killed
 #: leaves the parameters of the transport layer locked.
 _STATE: tuple[tuple[str, FeatureValue], ...] = (
     ("TLParamsLocked", 0),
@@ -39,8 +39,8 @@ _STATE: tuple[tuple[str, FeatureValue], ...] = (
 )
 
 _STATE_NAMES = frozenset(name for name, _ in _STATE)
-#: Names and beginnings of names of what `settings` and the plan set, of what has no effect in the state above or on raw
-#: pixels, and of what changes no picture, such as lines, timers and counters.
+#: Start of the names of features that `settings` and the plan set, that have no effect in the state above or on raw
+#: pixels, or that change no picture, such as lines, timers and counters.
 _UNDERSTOOD = (
     *("Acquisition", "Binning", "BlackLevel", "Exposure", "Height", "OffsetX", "OffsetY", "Trigger", "Width"),
     *("PixelFormat", "PixelColorFilter", "PixelCoding", "PixelDynamicRange", "PixelSize"),
@@ -52,13 +52,13 @@ _UNDERSTOOD = (
 )
 
 
-#: Beginnings of names of what has no effect where the camera has one of these switches, which are off.
+#: Start of the names of features without effect if the camera has one of these switches, which are off.
 _SWITCHED_OFF = {
     "Gamma": ("GammaEnable", "GammaEnabled"),
     "LUT": ("LUTEnable",),
     "Sharp": ("SharpeningEnable", "SharpnessEnabled"),
 }
-#: In names of what multiplies the DN, whatever the name begins with.
+#: Part of the names of features that multiply the DN.
 _GAIN = "gain"
 
 

@@ -27,14 +27,14 @@ _EXPOSURES = ("ExposureTime", "ExposureTimeAbs", "ExposureTimeRaw")
 _GAIN, _ABSOLUTE_GAIN, _RAW_GAIN = "Gain", "GainAbs", "GainRaw"
 _GAIN_SELECTOR = "GainSelector"
 _RAW_GAIN_IN_DB = ("Allied Vision", "AVT", "Prosilica")
-#: The last is that of old Mantas, where the first is a category.
+#: Names of the black level; old Mantas have the last, and a category called as the first.
 _BLACK_LEVELS = ("BlackLevel", "BlackLevelRaw", "BlackLevelValue")
-#: Basler's older cameras have the latter.
+#: Names of the device temperature; the latter is that of older Basler cameras.
 _TEMPERATURES = ("DeviceTemperature", "TemperatureAbs")
 _FRAME_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _FRAME_RATE_AUTO = "AcquisitionFrameRateAuto"
 _FRAME_RATE_SWITCHES = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
-#: What a camera says of the frame rate that it reaches, where its frame rate is not switched on.
+#: Feature with the frame rate that a camera reaches if its frame rate is not controlled.
 _RESULTING_FRAME_RATES = ("ResultingFrameRateAbs", "ResultingFrameRate", "AcquisitionResultingFrameRate")
 
 

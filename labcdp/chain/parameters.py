@@ -109,7 +109,7 @@ ElectronRate: TypeAlias = Annotated[float, Number("e⁻/s", 0, 1e7)]
 TEMPERATURE, GAIN = Number("°C", -100, 200), Number("dB", -60, 60)
 Temperature: TypeAlias = Annotated[float, TEMPERATURE]
 
-#: Of seeds, and of what is counted from 0.
+#: Rule for seeds and numbers that are counted from 0.
 COUNT = Whole("", 0)
 THREADS = Whole("", 1)
 

@@ -16,7 +16,7 @@ _Array: TypeAlias = NDArray[np.float64]
 #: Fewer pixels give intervals too wide to say much: the CDP of two such regions has a standard error up to 0.07.
 _FEW_PIXELS = 100
 
-#: A saturated or missing pixel in a thousand is worth a word.
+#: Share of saturated or missing pixels from which a finding names them.
 _SHARE = 0.001
 
 #: Rings of pixels along the border that are held against the middle, and the most that may be an edge.
@@ -37,7 +37,7 @@ _TREND_REL, _TREND_TO_NOISE, _TREND_SIGMA = 0.02, 0.3, 6.0
 #: Odd pixels are reported if they are this many standard deviations off and raise the variance by this part.
 _ODD_SIGMA, _ODD_VARIANCE = 6.0, 0.1
 
-#: Differences of this part of the values come from computing.
+#: Relative differences up to this are rounding errors.
 _ROUNDING = 1e-9
 
 

@@ -32,7 +32,7 @@ _MOST_BYTES_OF_REGION = 4 * 2**20
 _MOST_BYTES = 64 * 2**20
 #: Most parts and holes of one region.
 _MOST_RINGS = 1000
-#: What has no area.
+#: Kinds of ImageJ regions without an area.
 _LINES = {
     ROI_TYPE.LINE: "line", ROI_TYPE.FREELINE: "freehand line", ROI_TYPE.POLYLINE: "segmented line",
     ROI_TYPE.NOROI: "empty selection", ROI_TYPE.ANGLE: "angle", ROI_TYPE.POINT: "point",

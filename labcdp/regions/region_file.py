@@ -19,13 +19,13 @@ from ..output import write_file
 from .imagej import imagej_file, parse_imagej
 from .shapes import CompositeShape, EllipseShape, GridShape, PolygonShape, RectangleShape, Shape, rois_of
 
-#: A file of regions that is larger than this is none.
+#: Largest file of regions in bytes.
 _MOST_BYTES = 64 * 2**20
 
-#: What the suffix of a file to be written may be.
+#: Suffixes of files that can be written.
 REGION_SUFFIXES = (".json", ".roi", ".zip")
 
-#: How files of ImageJ begin: one region, or a ZIP archive of several.
+#: First bytes of ImageJ's files: of one region, and of a ZIP archive of several.
 _IMAGEJ = (b"Iout", b"PK\x03\x04", b"PK\x05\x06")
 
 
@@ -171,7 +171,7 @@ def save_regions(
     write_file(path, data, force=force)
 
 
-#: What the key "format" says, and the newest version of the format.
+#: Value of the key "format", and the newest version of the format.
 FORMAT = "labcdp regions"
 VERSION = 1
 

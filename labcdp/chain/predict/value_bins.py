@@ -21,7 +21,7 @@ FloatArray = NDArray[np.float64]
 #: Bins in a standard deviation of the value. What is lost is of second order, about 1e-4 of a CDP.
 _BINS = 40
 
-#: Most values a zone is given for the sake of another, and most that are tabulated one by one.
+#: Most values in a zone with the common unit of all zones, and most values that are tabulated one by one.
 _MOST, _MOST_ALONE = 20_000, 500_000
 #: Parts of a bin in a standard deviation of a lump of values too many to be tabulated, and most parts of a bin.
 _LUMP_PARTS, _MOST_PARTS = 3, 64

@@ -20,7 +20,7 @@ from .nonuniformity import spatial_figures
 
 #: Units as they are printed.
 _UNITS = {"DN/e-": "DN/e⁻", "e-": "e⁻", "e-/s": "e⁻/s", "DN/(cd m^-2 s)": RESPONSIVITY}
-#: What else a result states, by its attributes.
+#: Attributes of a characterisation that its result states as settings.
 _STATED = ("source", "camera", "definition", "bits", "gain_db", "temperature_c", "saturation_limit")
 #: Ratios of signal and noise; all other quantities without unit are shown in percent.
 _RATIOS = ("snr_max", "dynamic_range")

@@ -22,11 +22,12 @@ from ...session.validation import validated
 
 AnyChain = TypeVar("AnyChain", bound=Chain)
 
-#: Keys of the sensor by those of labcdp's results, by which the last one that is known counts.
+#: Keys of the sensor that are also keys of labcdp's results.
 _SAME = (
     "k_dn_per_e", "quantum_efficiency", "black_level_dn", "dark_current_e_s", "doubling_temperature_c", "dsnu_e",
     "dsnu_e_s", "prnu_rel", "full_well_e",
 )  # fmt: skip
+#: Key of the sensor by the key of the results; of several for one key the last that is known counts.
 _MEASURED = dict(zip(_SAME, _SAME, strict=True)) | {
     "dark_noise_e": "read_noise_e",
     "dsnu_pixel_e": "dsnu_e",
@@ -48,7 +49,7 @@ class _Stated(ConfigurationTable):
     dynamic_range_db: Positive | None = Field(None, le=200, description="a number above 0, up to 200 dB")
 
 
-#: The sensor itself judges the values of its own keys.
+#: Values of these keys are checked by the sensor itself.
 _OF_SENSOR: dict[str, Any] = {field_.name: (Any, None) for field_ in fields(Sensor)}
 _Sheet: type[_Stated] = create_model("_Sheet", __base__=_Stated, **_OF_SENSOR)
 

@@ -36,9 +36,9 @@ _OF_COMMAND = {
     "sweep": ("sweep", "map.nc"),
     "simulate": ("chain", "chain.toml"),
 }
-#: Settings of each picture, which its file states or a kind of file usually has.
+#: Settings of each picture, stated by its file or usual for its kind of file.
 _OF_PICTURE = ("exposure_s", "encoding")
-#: Of files that are no pictures.
+#: Suffixes of files that are no pictures.
 _SUFFIXES = (".json", ".nc", ".toml")
 _HINT = "give chains, maps of sweeps, sessions, calibrations, or the results of labcdp evaluate, image or characterise"
 

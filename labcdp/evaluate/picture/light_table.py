@@ -126,7 +126,7 @@ class TableMap(AssumedVignettingMap):
         self.luminance_cd_m2 = light
 
     def _look_up(self, table: _Light, window: Window, inside: Window = WHOLE) -> list[_Light]:
-        """Values of a table at the pixels of each plane, in a window and there in a part of it."""
+        """Look up values at the pixels of each plane, in the part `inside` of a window."""
         planes = []
         for dn, inverse, offset in self._planes:
             values = _values(table, dn[window][inside], None if offset is None else offset[window][inside])

@@ -24,7 +24,7 @@ Value = float | int | str
 
 _HOW = "give NAME=a,b,c or NAME=start:stop:count or NAME=start:stop:count:log, for example scene.contrast=10%:100%:50"
 
-#: Cells of one axis, beyond which a typing error is more probable than a wish.
+#: Most values of an axis; more are probably a typing error.
 _MOST_VALUES = 100_000
 
 
@@ -132,7 +132,7 @@ def _spaced(parameter: str, given: str) -> tuple[Value, ...]:
     return tuple(map(int if whole else float, values))
 
 
-#: Cells of a map that a computer holds and the user reads.
+#: Most cells of a map.
 _MOST_CELLS = 1_000_000
 
 

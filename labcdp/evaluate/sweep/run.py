@@ -28,7 +28,7 @@ from .simulation.rows import PairRow, StageLuminance
 if TYPE_CHECKING:
     from xarray import Dataset
 
-#: Those that depend on the contrast to be detected.
+#: Variables that depend on the contrast to be detected.
 _OF_CONTRAST = ("cdp", "standard_error", "below", "above")
 
 

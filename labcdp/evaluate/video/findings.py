@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 #: Most ranges of frames listed.
 _MOST_STRETCHES = 5
-#: What a finding about a frame counts as in the findings about the video.
+#: Code under which a finding about a frame is counted in the findings about the video.
 _COUNTED = {
     "frame-not-decoded": "frames-broken",
     "frame-builds-on-broken": "frames-broken",

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 #: Contrasts that get a card, beside the measured one.
 _MOST_CARDS = 3
-#: How regions are followed, by the method's name.
+#: Description of each tracking method.
 METHODS = {"follow": "tracked", "homography": "tracked by the homography of a plane target", "fixed": "at rest"}
 
 

@@ -104,7 +104,7 @@ class PartRun:
         observer: Observer | None,
     ) -> None:
         self.settings, self.journal, self.observer = settings, journal, observer
-        #: Why it cannot be evaluated, whatever the frames show.
+        #: Reason why the part cannot be evaluated, independent of its frames.
         self.failure: InputError | None = None
         self._converter, self.reference = converter, reference
         #: Contrast of the first frame that was measured: to be detected if none is given, or the reference.

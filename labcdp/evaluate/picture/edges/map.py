@@ -21,7 +21,7 @@ from .regions import MapRegions, map_regions, mean_of
 _CORRELATED = 1.5
 #: Share of the edges where the minimum contrast is below the noise, from which on other settings are recommended.
 _MOSTLY_BLIND = 0.5
-#: Samples along the side of a region by which errors that hardly change within it are known.
+#: Samples along the side of a region at which smooth errors of the calibration are evaluated.
 _SAMPLES = 6
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 #: Values of the parameters that are fixed in a section of a map, by name.
 At: TypeAlias = dict[str, float | str]
 
-#: Axis of the contrasts to be detected, and how many of them are a curve or a map each instead of an axis of the map.
+#: Axis of the target contrasts, and up to how many of them a curve or map is drawn for each, not an axis of the map.
 TO_DETECT, _FEW_CONTRASTS = "contrast", 8
 #: Units by the end of a parameter's name, as files have them.
 UNITS = {"_cd_m2": "cd/m^2", "_s": "s", "_c": "degC", "_m": "m", "_db": "dB", "_e": "e-", "_e_s": "e-/s", "_dn": "DN"}
@@ -29,7 +29,7 @@ UNITS = {"_cd_m2": "cd/m^2", "_s": "s", "_c": "degC", "_m": "m", "_db": "dB", "_
 #: Parts of units in files, and as they are printed.
 _PRINTED = {"cd m-2": "cd/m²", "^2": "²", "^3": "³", "m2": "m²", "degC": "°C"}
 
-#: Units of scales on which 0 is a place as any other.
+#: Units of scales whose 0 has no special meaning.
 _SCALE_UNITS = ("°C", "dB")
 
 

@@ -3,7 +3,7 @@
 from .chain import Chain, ChainRun
 from .hdr import Hdr
 from .imaging import ImagingChain
-from .isp import ToneCurve
+from .isp import PiecewiseLinear, ToneCurve
 from .optics import Optics, Windscreen
 from .predict.camera import CameraModel
 from .registry import preset_names, preset_text, register
@@ -27,6 +27,7 @@ register("sensor", Sensor, "emva1288")
 register("sensor", ThesisSensor, "thesis-2018")
 register("hdr", Hdr)
 register("isp", ToneCurve)
+register("isp", PiecewiseLinear, "pwl")
 
 __all__ = [
     "CameraModel",
@@ -44,6 +45,7 @@ __all__ = [
     "Optics",
     "Patch",
     "PatchScene",
+    "PiecewiseLinear",
     "Scene",
     "Sensor",
     "SensorModel",

@@ -1,7 +1,8 @@
-"""ISP: the logarithmic tone curve that brings a large range into few bits."""
+"""Curves that bring a large range into few bits: a logarithmic tone curve, and the piecewise linear one of sensors."""
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar
@@ -9,13 +10,55 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.companding import Companding, shipped_curve
+from ..core.disk.files import shown
 from ..core.errors import InputError
 from .parameters import Bits, MergedBits, Parameters
 from .signal import Context, Signal
 
 
+class CodeCurve(Parameters):
+    """A curve from DN to codes, whose inverse is known: base of the stages below."""
+
+    takes: ClassVar[str] = "digital number"
+    gives: ClassVar[str] = "digital number"
+
+    @abstractmethod
+    def encode(self, dn: ArrayLike) -> NDArray[np.uint16]:
+        """Return the codes of DN of any shape, whole or not."""
+
+    @abstractmethod
+    def decode(self, code: ArrayLike) -> NDArray[np.float64]:
+        """Return the DN that codes stand for."""
+
+    @property
+    @abstractmethod
+    def n_codes(self) -> int:
+        """Number of codes."""
+
+    @property
+    @abstractmethod
+    def top_dn(self) -> float:
+        """DN from which on they cannot be told apart."""
+
+    @property
+    @abstractmethod
+    def first_dn(self) -> NDArray[np.float64]:
+        """DN at which each code begins, shape (n_codes,)."""
+
+    def process(self, signal: Signal, _context: Context) -> Signal:
+        """Return the codes of a signal in DN, with their inverse; DN that the curve clips are saturated."""
+        clipped = signal.values >= self.top_dn
+        return replace(
+            signal,
+            values=self.encode(signal.values),
+            saturated=clipped if signal.saturated is None else clipped | signal.saturated,
+            to_luminance=lambda codes: signal.to_luminance(self.decode(codes)),
+        )
+
+
 @dataclass(frozen=True)
-class ToneCurve(Parameters):
+class ToneCurve(CodeCurve):
     """Logarithmic tone curve: code = floor(log(1 + DN) 2^bits / log(2^isp_bits)), clipped to 0 .. 2^bits - 1.
 
     Parameters
@@ -41,9 +84,6 @@ class ToneCurve(Parameters):
     >>> ToneCurve(isp_bits=20, bits=8)
     ToneCurve(isp_bits=20, bits=8)
     """
-
-    takes: ClassVar[str] = "digital number"
-    gives: ClassVar[str] = "digital number"
 
     isp_bits: MergedBits = 20
     bits: Bits = 8
@@ -74,15 +114,10 @@ class ToneCurve(Parameters):
         decoded: NDArray[np.float64] = self._middles[codes]
         return decoded
 
-    def process(self, signal: Signal, _context: Context) -> Signal:
-        """Return the codes of a signal in DN, with their inverse; DN that the curve clips are saturated."""
-        clipped = signal.values >= self.top_dn
-        return replace(
-            signal,
-            values=self.encode(signal.values),
-            saturated=clipped if signal.saturated is None else clipped | signal.saturated,
-            to_luminance=lambda codes: signal.to_luminance(self.decode(codes)),
-        )
+    @property
+    def n_codes(self) -> int:
+        """Number of codes."""
+        return int(2**self.bits)
 
     @property
     def top_dn(self) -> float:
@@ -113,3 +148,75 @@ class ToneCurve(Parameters):
         for candidate in (guess, guess - 1):
             lowest = np.where((candidate >= 0) & (self.encode(candidate) >= codes), candidate, lowest)
         return lowest
+
+
+@dataclass(frozen=True)
+class PiecewiseLinear(CodeCurve):
+    """Piecewise linear (PWL) compression, as sensors of series cameras send values of 20 or 24 bits in codes of 12.
+
+    Parameters
+    ----------
+    curve : str
+        Name of a curve that ships with labcdp, such as ``AR0231``; empty for one by its knees.
+    codes, values : tuple of float
+        Knees: codes, and their DN, both rising.
+    bits : int
+        Bits of a code, 1 to 16.
+
+    Raises
+    ------
+    InputError
+        If there is no such curve, both or neither are given, or the knees are none of a curve.
+
+    Examples
+    --------
+    >>> from labcdp.chain import PiecewiseLinear
+    >>> PiecewiseLinear("AR0231").encode([2048, 65536, 1e6]).tolist()
+    [2048, 3040, 3953]
+    """
+
+    curve: str = ""
+    codes: tuple[float, ...] = ()
+    values: tuple[float, ...] = ()
+    bits: Bits = 12
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("codes", "values"):
+            knees = getattr(self, name)
+            if not isinstance(knees, list | tuple) or not all(
+                isinstance(knee, int | float) and not isinstance(knee, bool) for knee in knees
+            ):
+                raise InputError(f"{name} is {shown(knees)}: give a list of numbers", key=name)
+            object.__setattr__(self, name, tuple(knees))
+        if not isinstance(self.curve, str) or bool(self.curve) == bool(self.codes or self.values):
+            raise InputError(f"curve is {shown(self.curve)}: give a curve's name, or codes and values", key="curve")
+        self._companding  # noqa: B018 - refuses knees that are none of a curve
+
+    @cached_property
+    def _companding(self) -> Companding:
+        return shipped_curve(self.curve) if self.curve else Companding("codes", self.codes, self.values, self.bits)
+
+    def encode(self, dn: ArrayLike) -> NDArray[np.uint16]:
+        """Return the nearest codes of DN of any shape, whole or not; DN below the first knee have the code 0."""
+        return self._companding.code(np.asarray(dn, dtype=np.float64) - self._companding.black_value)
+
+    def decode(self, code: ArrayLike) -> NDArray[np.float64]:
+        """Return the DN at which codes lie on the curve."""
+        return self._companding.linear(code) + self._companding.black_value
+
+    @property
+    def n_codes(self) -> int:
+        """Number of codes, up to that of the last knee."""
+        return int(self._companding.codes[-1]) + 1
+
+    @property
+    def top_dn(self) -> float:
+        """DN of the last knee; from it on they cannot be told apart."""
+        return float(self._companding.values[-1])
+
+    @cached_property
+    def first_dn(self) -> NDArray[np.float64]:
+        """DN at which each code begins, half a code below it, shape (n_codes,)."""
+        halves = np.arange(self.n_codes) - 0.5
+        return np.asarray(self._companding.linear(halves) + self._companding.black_value, dtype=np.float64)

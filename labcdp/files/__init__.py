@@ -2,13 +2,13 @@
 
 from typing import TYPE_CHECKING, Any
 
-from .companding import Companding
+from ..core.companding import Companding, shipped_curve, shipped_curves
 from .frame import IMAGE_SUFFIXES, FileFrame, frame_of_pixels, read_image
 from .picture import Picture, PictureOptions
 from .read import picture_paths, read_picture
 
 if TYPE_CHECKING:
-    from .companding_file import load_curve, shipped_curve, shipped_curves
+    from .companding_file import load_curve
     from .raw import read_raw
 
 __all__ = [
@@ -34,8 +34,8 @@ def __getattr__(name: str) -> Any:
         from .raw import read_raw
 
         return read_raw
-    if name in ("load_curve", "shipped_curve", "shipped_curves"):
-        from . import companding_file
+    if name == "load_curve":
+        from .companding_file import load_curve
 
-        return getattr(companding_file, name)
+        return load_curve
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -1,20 +1,18 @@
-"""Curves of companded data: those that ship with labcdp, and files in TOML."""
+"""Curves of companded data in TOML files."""
 
 from __future__ import annotations
 
-from functools import lru_cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import Field
 
+from ..core.companding import Companding, shipped_curve, shipped_curves
 from ..core.disk import read_toml
 from ..core.disk.files import shown
 from ..core.errors import ConfigurationError, InputError
 from ..session.tables import ConfigurationTable, Format, Number, Text, Whole
 from ..session.validation import validated
-from .companding import Companding
 
 _Knees = Annotated[tuple[Number, ...], Field(min_length=2, max_length=65536)]
 
@@ -48,21 +46,6 @@ def load_curve(path: Path) -> Companding:
         return Companding(**content)
     except InputError as error:
         raise ConfigurationError(f"{path}: {error}") from error
-
-
-@lru_cache(maxsize=8)
-def shipped_curve(name: str) -> Companding:
-    """Return a curve that ships with labcdp, such as AR0231; raises InputError for another name."""
-    known = shipped_curves()
-    if name.upper() not in known:
-        raise InputError(f"there is no curve {shown(name)}: give one of {', '.join(known)}, or a file in TOML")
-    return load_curve(Path(str(files("labcdp").joinpath("data", "curves", f"{name.lower()}.toml"))))
-
-
-def shipped_curves() -> list[str]:
-    """Names of the curves that ship with labcdp."""
-    folder = files("labcdp").joinpath("data", "curves")
-    return sorted(file.name.removesuffix(".toml").upper() for file in folder.iterdir())
 
 
 def curve_called(name: str) -> Companding:

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.companding import Companding
 from ..core.disk.files import shown
 from ..core.dn import PIXEL_FORMATS, pixel_format
 from ..core.errors import InputError
@@ -17,7 +18,6 @@ from ..core.frame import CameraIdentity, Frame
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, warning
 from ..core.vignetting import VIGNETTING_REL, Lens
-from .companding import Companding
 from .doubts import CERTAIN, Doubts
 from .statements import FileStatements
 from .stored_image import MAX_PIXELS

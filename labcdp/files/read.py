@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.companding import Companding
 from ..core.disk import reading
 from ..core.disk.files import SESSION_JOURNAL
 from ..core.dn import pixel_format
@@ -22,7 +23,6 @@ from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
 from ..core.result import Finding, info, warning
 from ..core.vignetting import Lens
-from .companding import Companding
 from .doubts import BLACK_LEVEL, ENCODING, doubts_of, encodings, histogram_of
 from .frame import (
     IMAGE_SUFFIXES,

@@ -10,9 +10,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.companding import Companding
 from ..core.disk.files import shown
 from ..core.errors import InputError
-from .companding import Companding
 
 _Array: TypeAlias = NDArray[np.float64]
 #: How values are encoded: ``linear`` in proportion to light; ``srgb`` (IEC 61966-2-1), ``bt709``, ``pq``, ``hlg``,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ..hdr import ExposureLadder, Hdr
-from ..isp import ToneCurve
+from ..isp import CodeCurve
 from ..sensor import Sensor, digitise
 from ..signal import ExposureSettings
 
@@ -38,7 +38,7 @@ class CameraModel:
         How it is exposed.
     hdr : Hdr or None
         How the exposures are merged; None for a single one.
-    tone_curve : ToneCurve or None
+    tone_curve : CodeCurve or None
         Encodes the merged DN, or the DN of a single exposure with its black level. The code is decoded again.
 
     Raises
@@ -50,7 +50,7 @@ class CameraModel:
     sensor: Sensor
     settings: ExposureSettings
     hdr: Hdr | None = None
-    tone_curve: ToneCurve | None = None
+    tone_curve: CodeCurve | None = None
 
     def __post_init__(self) -> None:
         count = len(self.settings.exposure_s)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError, PredictionError
 from ..chain import Chain
-from ..isp import ToneCurve
+from ..isp import CodeCurve
 from ..scene.scene import Scene
 from ..sensor import Sensor
 from ..signal import Signal
@@ -152,12 +152,12 @@ def _camera(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
     if index < len(chain.settings.exposure_s):
         return CameraModel(sensor, replace(chain.settings, exposure_s=(chain.settings.exposure_s[index],)))
     curves = [curve for name, curve in chain.behind if names.index(name) <= index]
-    if len(curves) > 1 or not all(isinstance(curve, ToneCurve) for curve in curves):
+    if len(curves) > 1 or not all(isinstance(curve, CodeCurve) for curve in curves):
         raise PredictionError(
             f"{stage} follows stages other than a single tone curve: simulate, or choose an earlier stage"
         )
     curve = curves[0] if curves else None
-    return CameraModel(sensor, chain.settings, chain.hdr, curve if isinstance(curve, ToneCurve) else None)
+    return CameraModel(sensor, chain.settings, chain.hdr, curve if isinstance(curve, CodeCurve) else None)
 
 
 def _scenes(scene: Scene, fields: Mapping[str, Sequence[Any]]) -> list[Scene]:

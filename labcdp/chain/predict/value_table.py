@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from ..hdr import merge_dn, normal_stage
-from ..isp import ToneCurve
+from ..isp import CodeCurve
 from .camera import CameraModel
 from .merged_rows import merged_rows
 from .nodes import RateGrid, gamma_nodes, normal_nodes
@@ -174,7 +174,7 @@ class _TableMaker:
         saturated = np.asarray(rows @ (values >= camera.saturation_dn).astype(np.float64))
         if tone_curve is None:
             return ValueBins.alone(values), rows, saturated
-        return _codes(tone_curve), rows @ indicator(tone_curve.encode(values), 2**tone_curve.bits), saturated
+        return _codes(tone_curve), rows @ indicator(tone_curve.encode(values), tone_curve.n_codes), saturated
 
     def _exact_rows(self, totals_e_s: FloatArray) -> tuple[FloatArray, csr_array]:
         """Whole DN of a single exposure, or of a merge that takes one of them."""
@@ -244,9 +244,9 @@ class _TableMaker:
         return spread_e * nodes, frequency
 
 
-def _codes(tone_curve: ToneCurve) -> ValueBins:
+def _codes(tone_curve: CodeCurve) -> ValueBins:
     """Return the decoded values of all codes."""
-    return ValueBins.alone(tone_curve.decode(np.arange(2**tone_curve.bits)))
+    return ValueBins.alone(tone_curve.decode(np.arange(tone_curve.n_codes)))
 
 
 def dense_rows(rows: csr_array, low: int, high: int) -> tuple[int, NDArray[np.float64]]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 
+from ...core.companding import Companding
 from ...core.dn import PIXEL_FORMATS
 from ...core.errors import CalibrationError, InputError
 from ...core.frame import Frame, Readout
@@ -25,7 +26,6 @@ from ...core.vignetting import (
     unknown_vignetting,
     with_doubt,
 )
-from ...files.companding import Companding
 from ...files.doubts import MOSAIC, Doubts, contrast_matters
 from ...files.frame import no_exposure
 from ...files.picture import Picture, PictureOptions

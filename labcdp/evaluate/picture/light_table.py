@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.companding import Companding
 from ...core.dn import look_up
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.vignetting import AssumedVignetting, Cos4Vignetting
-from ...files.companding import Companding
 from ...files.transfer import Encoding, decoded_table
 
 if TYPE_CHECKING:

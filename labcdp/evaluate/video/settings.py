@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.companding import Companding
 from ...core.disk import file_sha256, reason
 from ...core.disk.files import shown
 from ...core.disk.journal import Row
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, warning
 from ...core.roi import Roi
-from ...files.companding import Companding
 from ...files.picture import OF_VALUES
 from ...files.transfer import as_encoding
 from ...files.video.selection import Selection

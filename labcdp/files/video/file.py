@@ -19,12 +19,12 @@ import numpy as np
 from av import FFmpegError
 from numpy.typing import NDArray
 
+from ...core.companding import Companding
 from ...core.disk import file_sha256, open_regular, reading, reason, require_regular
 from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
 from ...core.result import warning
-from ..companding import Companding
 from ..doubts import doubts_of
 from ..frame import Scale, changed_at, frame_of_pixels, make_frame, scale_of
 from ..kinds import HEAD_BYTES, no_video

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import tomllib
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from importlib.resources import files
 from math import ceil, log2
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core.disk.files import shown
-from ..core.errors import InputError
+from .disk.files import shown
+from .errors import InputError
 
 
 @dataclass(frozen=True)
@@ -141,3 +143,35 @@ class Companding:
                 "embedded data: correct embedded_rows"
             )
         return values[above : len(values) - below]
+
+
+def shipped_curves() -> list[str]:
+    """Names of the curves that ship with labcdp.
+
+    Examples
+    --------
+    >>> from labcdp.files import shipped_curves
+    >>> shipped_curves()
+    ['AR0231', 'AR0820', 'OX03C10']
+    """
+    folder = files("labcdp").joinpath("data", "curves")
+    return sorted(file.name.removesuffix(".toml").upper() for file in folder.iterdir())
+
+
+@lru_cache(maxsize=8)
+def shipped_curve(name: str) -> Companding:
+    """Return a curve that ships with labcdp; raises InputError for another name.
+
+    Examples
+    --------
+    >>> from labcdp.files import shipped_curve
+    >>> shipped_curve("AR0231").saturation_dn
+    4000.0
+    """
+    known = shipped_curves()
+    if name.upper() not in known:
+        raise InputError(f"there is no curve {shown(name)}: give one of {', '.join(known)}", key="curve")
+    text = files("labcdp").joinpath("data", "curves", f"{name.lower()}.toml").read_text(encoding="utf-8")
+    document: dict[str, Any] = tomllib.loads(text)
+    knees: dict[str, Any] = {key: tuple(document.pop(key)) for key in ("codes", "values")}
+    return Companding(**knees, **document)

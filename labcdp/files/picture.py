@@ -20,7 +20,7 @@ from ..core.result import Finding, warning
 from ..core.vignetting import VIGNETTING_REL, Lens
 from .doubts import CERTAIN, Doubts
 from .statements import FileStatements
-from .stored_image import MAX_PIXELS
+from .stored_image import MAX_PIXELS, MOST_BITS
 from .transfer import Encoding, encoding_name
 
 
@@ -77,6 +77,10 @@ class Picture(PictureFile):
         Values of a file of floats, None for integers.
     light_is_cd_m2 : bool
         Whether the file says that the floats are luminance in cd/m^2.
+    step : float
+        Rounding of `light`: of whole numbers of more than 16 bits; 0 for floats.
+    saturated : ndarray of bool, shape (height, width), or None
+        Where whole numbers of more than 16 bits are saturated.
     encoding : str
         How the values of the file are encoded, as it states, by its kind or as requested.
     findings : tuple of Finding
@@ -108,6 +112,8 @@ class Picture(PictureFile):
     frame: Frame | None = None
     light: NDArray[np.float32] | None = None
     light_is_cd_m2: bool = False
+    step: float = 0.0
+    saturated: NDArray[np.bool_] | None = None
     encoding: Encoding = "linear"
     findings: tuple[Finding, ...] = ()
     exposure_known: bool = False
@@ -138,7 +144,7 @@ class PictureOptions:
     camera : CameraIdentity or None
         Camera; None if unknown.
     bit_depth : int or None
-        Bits of the DN in files of 16 bits, for example 12; None to guess.
+        Bits of the DN in files of 16 bits, for example 12, or of 32 bits, for example 20; None to guess.
     pixel_format : str or None
         GenICam pixel format the DN came in: says bits and colour filter of grey files, and the layout of raw dumps.
     size : (int, int) or None
@@ -205,8 +211,8 @@ class PictureOptions:
             raise InputError(f"the gain is {self.gain_db} dB: give a number")
         if self.temperature_c is not None and not -100 <= self.temperature_c <= 200:
             raise InputError(f"the temperature is {self.temperature_c} °C: give -100 to 200")
-        if self.bit_depth is not None and not 1 <= self.bit_depth <= 16:
-            raise InputError(f"the bit depth is {self.bit_depth}: give 1 to 16 bits")
+        if self.bit_depth is not None and not 1 <= self.bit_depth <= MOST_BITS:
+            raise InputError(f"the bit depth is {self.bit_depth}: give 1 to {MOST_BITS} bits")
         if self.pixel_format is not None:
             pixel_format(self.pixel_format)
         if self.size is not None and min(self.size) < 1:

@@ -38,7 +38,7 @@ from .frame import (
 from .kinds import EXR, HEAD_BYTES, JPEG, NPY, PNG, TIFF, ZIP, no_picture
 from .picture import Picture, PictureOptions, with_overrides
 from .statements import NOTHING_STATED, FileStatements
-from .stored_image import Stored, decoded_by_table, grey_finding, luminance_dn
+from .stored_image import MOST_BITS, Stored, decoded_by_table, grey_finding, luminance_dn
 from .transfer import Encoding, encoding_name
 
 #: Codes of what is said of an encoding that was not given.
@@ -263,6 +263,10 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
             light_is_cd_m2=is_cd_m2,
             exposure_known=exposure_known,
         )
+    if values.dtype.itemsize > 2:
+        return _of_many_bits(values, path, sha256, statements, options, findings, exposure_known)
+    if (given_bits := options.override("bit_depth")) is not None and given_bits > 16:
+        raise InputError(f"{path} has values of {statements.bits} bits, not of {given_bits}: give 1 to 16")
     coloured, scale = values.ndim == 3, scale_of(values, statements.bits, options, str(path))
     bits, guessed_by = scale.bits, None
     if statements.bits == 16 and options.stated_bits is None:
@@ -311,6 +315,44 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
         coloured=coloured,
         guessed_by=guessed_by,
         doubts=doubts,
+    )
+
+
+def _of_many_bits(
+    values: NDArray[np.uint32],
+    path: Path,
+    sha256: str,
+    statements: FileStatements,
+    options: PictureOptions,
+    findings: Sequence[Finding],
+    exposure_known: bool,
+) -> Picture:
+    """Make a picture of linear values of 17 to 24 bits, which float32 holds without rounding."""
+    if values.ndim == 3 or options.encoding not in (None, "linear"):
+        raise InputError(
+            f"{path} has values up to {values.max()}, more than 16 bits: these are read as linear grey only"
+        )
+    stated = options.override("bit_depth") or statements.bits
+    bits = stated if stated is not None and stated <= MOST_BITS else next(n for n in (20, 24) if values.max() < 2**n)
+    if values.max() >= 2**bits:
+        raise InputError(
+            f"{path} has values up to {values.max()}, above {bits} bits: give the bit depth it was written with"
+        )
+    black_dn, saturation_dn = options.override("black_level_dn") or 0.0, options.saturation_dn or 2**bits - 1
+    light = ((values - float(black_dn)) / 2.0**bits).astype(np.float32)
+    # These options counted here, and are not for floats alone.
+    known = replace(options, overrides=options.overrides - {"bit_depth", "black_level_dn", "encoding"})
+    more = info("many-bits", bits=bits) if bits == stated else warning("many-bits-guessed", bits=bits)
+    return _made(
+        path,
+        sha256,
+        statements,
+        known,
+        light=light,
+        findings=(*findings, more),
+        exposure_known=exposure_known,
+        step=2.0**-bits,
+        saturated=values >= saturation_dn,
     )
 
 

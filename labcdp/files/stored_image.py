@@ -63,7 +63,11 @@ def weighted(rgb: NDArray[Any], tables: NDArray[np.float32]) -> NDArray[np.uint1
 MAX_PIXELS = 250_000_000
 
 
-#: Values of an image file, uint8, uint16 or float32, shape (height, width) or (height, width, 3); what the file states.
+#: Bits of linear values: float32 holds them without rounding.
+MOST_BITS = 24
+
+
+#: Values of an image file, uint8, uint16, uint32 or float32, shape (height, width) or (height, width, 3); what the file states.
 Stored: TypeAlias = tuple[NDArray[Any], FileStatements]
 
 
@@ -120,23 +124,25 @@ def require_size(path: Path, width: int, height: int, max_pixels: int) -> None:
 
 
 def whole_numbers(values: NDArray[Any], path: Path) -> tuple[NDArray[Any], int, tuple[Finding, ...]]:
-    """Integers of any type as uint8 or uint16, the bits of their type, and what was done to them.
+    """Integers of any type as uint8, uint16 or, up to 24 bits, uint32; the bits of that type, and what was done to them.
 
     Raises
     ------
     InputError
-        If a value is negative or above 65535, which no DN is.
+        If a value is negative, or has more than `MOST_BITS` bits.
     """
     if values.dtype == np.bool_:
         return values.astype(np.uint8), 1, ()
     if values.dtype.kind == "u" and values.dtype.itemsize <= 2:
         return values.astype(values.dtype.newbyteorder("="), copy=False), 8 * values.dtype.itemsize, ()
     low, high = int(values.min()), int(values.max())
-    if low < 0 or high > 65535:
+    if low < 0 or high >= 2**MOST_BITS:
         raise InputError(
-            f"{path} has values from {low} to {high}: DN are whole numbers from 0 to 65535; save luminance and the "
-            "like as floats"
+            f"{path} has values from {low} to {high}: DN are whole numbers from 0 to {2**MOST_BITS - 1}; save luminance "
+            "and the like as floats"
         )
+    if high > 65535:
+        return values.astype(np.uint32), 32, ()
     return values.astype(np.uint16), 16, (info("integers-as-dn", type=values.dtype.name),)
 
 

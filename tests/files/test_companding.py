@@ -203,3 +203,41 @@ def test_files_without_codes_are_refused(tmp_path):
     above = file_of(tmp_path, np.full((20, 30), 5000, np.uint16), "above.tif")
     with pytest.raises(InputError, match="above 12 bits"):
         labcdp.read_image(above, encoding="AR0231")
+
+
+@pytest.mark.parametrize("suffix", ["tif", "npy"])
+@pytest.mark.parametrize("bits", [20, 24])
+def test_linear_values_of_many_bits_are_exact(tmp_path, suffix, bits):
+    top = 2**bits - 1
+    values = np.linspace(65, top, 60 * 130).round().astype(np.uint32).reshape(60, 130)
+    path = tmp_path / f"linear.{suffix}"
+    np.save(path, values) if suffix == "npy" else tifffile.imwrite(path, values)
+    for options, code in (({}, "many-bits-guessed"), ({"bit_depth": bits}, "many-bits")):
+        image = labcdp.read_image(path, no_vignetting=True, **options)
+        assert [finding.code for finding in image.picture.findings] == [code]
+        assert np.array_equal(np.asarray(image.luminance, dtype=float) * 2**bits, values)
+        assert np.array_equal(image.luminance.invalid > 0, values == top)
+    black = labcdp.read_image(path, no_vignetting=True, bit_depth=bits, black_level_dn=65.0)
+    assert np.array_equal(np.asarray(black.luminance, dtype=float) * 2**bits, values - 65.0)
+
+
+def test_many_bits_and_their_codes_have_one_contrast(tmp_path):
+    linear = np.rint(scene()).astype(np.uint32)
+    np.save(tmp_path / "linear.npy", linear)
+    many = labcdp.read_image(tmp_path / "linear.npy", bit_depth=20, no_vignetting=True)
+    codes = labcdp.read_image(file_of(tmp_path, AR0231.code(linear)), encoding="AR0231", no_vignetting=True)
+    found = [image.regions([BRIGHT, DARK]).cdp([100.0])["measured_contrast"].item() for image in (many, codes)]
+    assert found[0] == pytest.approx(found[1], rel=1e-3)
+
+
+def test_values_that_no_bits_hold_are_refused(tmp_path):
+    for values, options, message in (
+        (np.full((20, 30), 2**24, np.uint32), {}, "from 0 to 16777215"),
+        (np.full((20, 30), -1, np.int32), {}, "from 0 to 16777215"),
+        (np.full((20, 30), 2**20, np.uint32), {"bit_depth": 20}, "above 20 bits"),
+        (np.full((20, 30), 70_000, np.uint32), {"encoding": "srgb"}, "linear grey only"),
+        (np.full((20, 30), 1000, np.uint16), {"bit_depth": 20}, "give 1 to 16"),
+    ):
+        np.save(tmp_path / "values.npy", values)
+        with pytest.raises(InputError, match=message):
+            labcdp.read_image(tmp_path / "values.npy", **options)

@@ -51,7 +51,7 @@ class LightOptions:
         Temperature of the camera in degrees Celsius, for example 31.5; default: as stated by each file. Without it, the
         dark signal of a calibration is less certain.
     bit_depth
-        Bit depth of the values in 16-bit files, for example 12; default: estimated.
+        Bit depth of the values in 16-bit files, for example 12, or in 32-bit files, 17 to 24; default: estimated.
     black_level
         DN of pixels without light; default: as stated by each file, else 0.
     bayer
@@ -71,7 +71,7 @@ class LightOptions:
     exposure: Seconds | None = None
     gain_db: float | None = None
     temperature: Temperature | None = None
-    bit_depth: Annotated[int | None, As(least=1, most=16)] = None
+    bit_depth: Annotated[int | None, As(least=1, most=24)] = None
     black_level: Annotated[float | None, As(least=0)] = None
     bayer: Literal["RGGB", "GRBG", "GBRG", "BGGR"] | None = None
     focal_length: Length | None = None

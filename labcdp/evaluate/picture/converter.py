@@ -186,15 +186,20 @@ class Converter:
             return picture.luminance
         if picture.light is not None:
             if self.unit == "cd/m^2" and not picture.light_is_cd_m2:
+                what = "floats" if picture.saturated is None else "whole numbers of more than 16 bits"
                 raise InputError(
-                    f"{picture.path} holds floats, and does not state that they are cd/m²: calibrations and camera "
+                    f"{picture.path} holds {what}, and does not state that they are cd/m²: calibrations and camera "
                     "specifications convert DN; leave them out to get relative values"
                 )
             invalid = np.where(np.isfinite(picture.light), 0, Invalid.DEFECT).astype(np.uint8)
+            if picture.saturated is not None:
+                invalid[picture.saturated] |= Invalid.SATURATED.value
             light, vignetting = picture.light, self._vignetting_of(picture)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                random_rel = np.where(picture.step > 0, picture.step / np.sqrt(12) / np.abs(light), 0.0)
             if isinstance(vignetting, Cos4Vignetting):
                 light = (light / vignetting.relative_illuminance(picture.shape)).astype(np.float32)
-            return AssumedVignettingMap(light, np.zeros_like(light), (), invalid, vignetting)
+            return AssumedVignettingMap(light, random_rel.astype(np.float32), (), invalid, vignetting)
         frame = self.frame_of(picture)
         if self.unit == "cd/m^2" and not picture.exposure_known:
             raise InputError(no_exposure(picture.path))

@@ -58,14 +58,18 @@ def with_agreement(plane: Calibration, observations: Sequence[PatchObservation])
     times = plane.exposure_times
     for exposure_s, size in zip(times_s.tolist(), [*deviations.tolist(), float(of_longest)], strict=True):
         times = times.more_uncertain(exposure_s, abs(size))
-    found = warning("exposures-disagree", exposure_s=float(times_s[largest]), deviation_rel=float(deviations[largest]))
-    return replace(plane, exposure_times=times), [found]
+    finding = warning(
+        "exposures-disagree", exposure_s=float(times_s[largest]), deviation_rel=float(deviations[largest])
+    )
+    return replace(plane, exposure_times=times), [finding]
 
 
 def _seen_twice(plane: Calibration, observations: Sequence[PatchObservation]) -> list[PatchObservation]:
     """Return the usable observations of patches that several exposures show, all at the calibration's own gain."""
-    own = [o.saturating_at(plane.state.saturation_dn) for o in observations if o.state.has_gain(plane.state.gain_db)]
-    kept = [o for o in usable(own, plane.settings)[0] if is_within_response(plane, o)]
+    at_gain = [
+        o.saturating_at(plane.state.saturation_dn) for o in observations if o.state.has_gain(plane.state.gain_db)
+    ]
+    kept = [o for o in usable(at_gain, plane.settings)[0] if is_within_response(plane, o)]
     times_s: dict[str, set[float]] = {}
     for o in kept:
         times_s.setdefault(o.patch, set()).add(o.exposure_s)
@@ -80,8 +84,8 @@ def _luminances(plane: Calibration, observations: Sequence[PatchObservation]) ->
     stated_s = np.array([o.exposure_s for o in observations])
     luminance = linear_dn * signals.scale_per_s * stated_s / applied_s
     per_dn = plane.response.slope(net) / linear_dn
-    own = per_dn**2 * (signals.noise_variance_dn2 + plane.responsivity.scatter_dn**2)
-    covariance = np.diag(own)
+    independent = per_dn**2 * (signals.noise_variance_dn2 + plane.responsivity.scatter_dn**2)
+    covariance = np.diag(independent)
     uneven = signals.dark_nonuniformity_dn * per_dn
     names = np.array([o.patch for o in observations])
     covariance += np.where(np.equal.outer(names, names), np.outer(uneven, uneven), 0.0)

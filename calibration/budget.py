@@ -204,10 +204,10 @@ def budget(
     if not rows[INTERCEPT].included:
         rows[INTERCEPT] = undetected_intercept(calibration, luminance_cd_m2)
     if len(calibration.planes) > 1:
-        own = [rows[source] for source in _OF_EACH_PLANE if rows[source].included]
+        of_planes = [rows[source] for source in _OF_EACH_PLANE if rows[source].included]
         rows |= {
             row.source: replace(row, basis=row.basis.within("each plane with its share of the luminance"))
-            for row in own
+            for row in of_planes
         }
     return Budget(luminance_cd_m2, t, tuple(rows[source] for source in SOURCES))
 
@@ -278,11 +278,11 @@ def _error_rows(
     if isinstance(calibration, ColourCalibration):
         case = "of planes"
         of_weights = calibration.weight_errors.sum(axis=1) / sum(calibration.weights)
-        own = [
-            [replace(e, source="linearity") if e.source == "fit" else e for e in errors_of_plane(plane, one)]
-            for plane, one in zip(calibration.planes, of_planes, strict=True)
+        kept = [
+            [replace(e, source="linearity") if e.source == "fit" else e for e in errors_of_plane(plane, plane_errors)]
+            for plane, plane_errors in zip(calibration.planes, of_planes, strict=True)
         ]
-        errors = [*(CommonError("fit", one) for one in of_weights), *joined(own, shares.tolist())]
+        errors = [*(CommonError("fit", error) for error in of_weights), *joined(kept, shares.tolist())]
         rows["spectral mismatch"] = _colour_row(calibration)
     for source in dict.fromkeys(error.source for error in errors):
         group = [error for error in errors if error.source == source]
@@ -392,12 +392,14 @@ def _split(rows: Sequence[PatchResidual], fit: BudgetRow) -> dict[str, BudgetRow
 def not_included(plane: Calibration) -> dict[str, BudgetRow]:
     """List sources that common errors and noise may not cover, with the reason; those covered replace these rows."""
     scale, tests, curved = plane.meter_scale, {test.name: test for test in plane.tests}, plane.response.kind != "linear"
-    found, vignetting = tests.get("drift"), plane.vignetting
+    drift_test, vignetting = tests.get("drift"), plane.vignetting
     more_scatter = "scatter" in tests and tests["scatter"].significant
     assumed = "exact" if isinstance(vignetting, Cos4Vignetting) else "measured"
     drift = basis("drift", "not tested")
-    if found is not None and found.standard_uncertainty > 0:
-        drift = basis("drift", value_rel=found.value, expanded_rel=expanded_half_width(0.0, found.standard_uncertainty))
+    if drift_test is not None and drift_test.standard_uncertainty > 0:
+        drift = basis(
+            "drift", value_rel=drift_test.value, expanded_rel=expanded_half_width(0.0, drift_test.standard_uncertainty)
+        )
     f1_prime = "not stated" if scale.f1_prime is None else "none"
     why = {
         "meter digits": (basis("meter digits"), "meter repeatability"),

@@ -208,7 +208,7 @@ class CalibratedCamera:
 
     def at_their_temperature(self) -> Self:
         """Return it for frames of the session of its dark frames, at whose temperature they were taken."""
-        gains = tuple(replace(one, dark=replace(one.dark, unknown_within_k=0.0)) for one in self.gains)
+        gains = tuple(replace(setting, dark=replace(setting.dark, unknown_within_k=0.0)) for setting in self.gains)
         return replace(self, dark=replace(self.dark, unknown_within_k=0.0), gains=gains)
 
     def in_region(self, state: CameraState) -> Self:
@@ -223,7 +223,7 @@ class CalibratedCamera:
         window = part.readout.window_in(part.image_shape, whole.readout, whole.image_shape)
         if window is None:
             return self
-        top, left = (one.start for one in window)
+        top, left = (axis.start for axis in window)
         return self._cropped((left, top), part)
 
     def _cropped(self, corner: tuple[int, int], part: CameraState) -> Self:
@@ -326,8 +326,8 @@ def placed(
     result, numbers, source = list(errors), numbers_by_pattern(calibration), vignetting_source(calibration.vignetting)
     for pattern, relative in enumerate(by_place):
         if pattern in numbers:
-            own = errors[numbers[pattern]]
-            result[len(errors) + numbers[pattern]] = replace(own, relative=own.relative + relative)
+            of_fit = errors[numbers[pattern]]
+            result[len(errors) + numbers[pattern]] = replace(of_fit, relative=of_fit.relative + relative)
         else:
             result.append(CommonError(source, relative))
     return tuple(result)

@@ -59,13 +59,13 @@ class ExposureTimes:
 
     def u_rel(self, exposure_s: float, jitter_rel: float, calibrated_s: Iterable[float]) -> float:
         """Relative standard uncertainty of one exposure by its own deviation, by jitter and by that of all."""
-        either_rel = 0.0 if any(_same(exposure_s, one) for one in calibrated_s) else self.either_rel
+        either_rel = 0.0 if any(_same(exposure_s, other_s) for other_s in calibrated_s) else self.either_rel
         return hypot(self._deviation(exposure_s)[1], jitter_rel, either_rel)
 
     def more_uncertain(self, exposure_s: float, u_rel: float) -> ExposureTimes:
         """Return times of which one has a further relative standard uncertainty."""
         deviation, known = self._deviation(exposure_s)
-        others = (one for one in self.deviations if not _same(exposure_s, one[0]))
+        others = (deviation for deviation in self.deviations if not _same(exposure_s, deviation[0]))
         return replace(self, deviations=(*others, (exposure_s, deviation, hypot(known, u_rel))))
 
     def _deviation(self, exposure_s: float) -> tuple[float, float]:

@@ -114,10 +114,10 @@ _EXPOSURES = "exposures-left-out"
 def summarised(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Return each finding once, with those of single exposures that are left out as one; a table has them all."""
     findings = unique(findings)
-    patches = [one.subject for one in findings if one.code in _EXPOSURE_CODES]
-    of_others = [one.values["patches"] for one in findings if one.code == _EXPOSURES]
+    patches = [finding.subject for finding in findings if finding.code in _EXPOSURE_CODES]
+    of_others = [finding.values["patches"] for finding in findings if finding.code == _EXPOSURES]
     patches += [f"{name}" for names in of_others if isinstance(names, list) for name in names]
-    kept = (one for one in findings if one.code not in (*_EXPOSURE_CODES, _EXPOSURES))
+    kept = (finding for finding in findings if finding.code not in (*_EXPOSURE_CODES, _EXPOSURES))
     return (*kept, *([info(_EXPOSURES, patches=list(dict.fromkeys(patches)))] if patches else []))
 
 

@@ -180,8 +180,8 @@ class Calibration(CalibratedCamera):
 
     def for_use(self, recorded: Iterable[datetime | None], temperatures_c: Iterable[float | None] = ()) -> Self:
         """Return it for what was recorded at these times and temperatures of the camera, None for unknown ones."""
-        apart = any(self.provenance.is_of_another_day(one) for one in recorded if one is not None)
-        known_c, own_c = [one for one in temperatures_c if one is not None], self.light_temperature_c
+        apart = any(self.provenance.is_of_another_day(time) for time in recorded if time is not None)
+        known_c, own_c = [c for c in temperatures_c if c is not None], self.light_temperature_c
         warmer_k = fmean(known_c) - own_c if known_c and own_c is not None else self.warmer_k
         if (apart or self.of_another_day, warmer_k) == (self.of_another_day, self.warmer_k):
             return self
@@ -206,7 +206,7 @@ class Calibration(CalibratedCamera):
 
 def calibration_table(calibration: Any) -> str:
     """Return what a calibration is of, and its range, as an HTML table for notebooks."""
-    low, high = (number(one) for one in calibration.range_cd_m2)
+    low, high = (number(end) for end in calibration.range_cd_m2)
     lens, measured = calibration.lens, calibration.provenance.measured
     rows = [
         ("lens", f"{lens.model} at f/{lens.f_number:g}"),

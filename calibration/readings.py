@@ -113,10 +113,10 @@ class MeasuredPatch:
     reading_U_rel: float | None = field(default=None, kw_only=True)  # noqa: N815 - the symbol of the GUM
 
     @classmethod
-    def of(cls, reading: PatchReading, *own: Any, **named: Any) -> Self:
+    def of(cls, reading: PatchReading, *more: Any, **named: Any) -> Self:
         """Row of a reading, a luminance, its exposures, and what else this kind of row has."""
         of_meter = reading.patch, reading.luminance_cd_m2, reading.random_cd_m2, reading.n_readings
-        return cls(*of_meter, *own, **named)
+        return cls(*of_meter, *more, **named)
 
 
 def combine_readings(patch: str, readings: Sequence[Reading]) -> tuple[PatchReading, list[Finding]]:

@@ -52,7 +52,7 @@ def save(calibration: AnyCalibration, path: str | Path, *, force: bool = False) 
     InputError
         If the file exists or cannot be written.
     """
-    kind = next(kind for kind, one in _KINDS.items() if one is type(calibration))
+    kind = next(kind for kind, model in _KINDS.items() if model is type(calibration))
     arrays: dict[str, Any] = {}
     content = {"kind": kind, "calibration": _dumped(calibration, arrays), "arrays": _text(arrays)}
     digest = _digest(content)
@@ -161,7 +161,7 @@ class SessionObservations:
 
 def save_observations(observations: Iterable[SessionObservations], path: str | Path) -> None:
     """Write observations of sessions to a JSON file; as `save`, and raises ValueError for a number not finite."""
-    content = [_dumped(one) for one in observations]
+    content = [_dumped(of_session) for of_session in observations]
     _write(path, _OBSERVATIONS, {"sha256": _sha256(content), "observations": content}, force=False)
 
 
@@ -171,7 +171,7 @@ def load_observations(path: str | Path) -> list[SessionObservations]:
     content = document.get("observations")
     if not isinstance(content, list) or document.get("sha256") != _sha256(content):
         raise InputError(f"observations {path} were changed after they were written: calibrate again")
-    return [_loaded(path, _OBSERVATIONS, {"observations": one}, SessionObservations) for one in content]
+    return [_loaded(path, _OBSERVATIONS, {"observations": of_session}, SessionObservations) for of_session in content]
 
 
 @cache
@@ -226,11 +226,11 @@ def _read(path: Path, file_format: str) -> dict[str, Any]:
         raise InputError(
             f"{path} is not a {name}: its key format is not {file_format!r}; give a file that labcdp saved"
         )
-    found = document.get("version")
-    if found != version:
-        newer = isinstance(found, int) and found > version
+    stated = document.get("version")
+    if stated != version:
+        newer = isinstance(stated, int) and stated > version
         advice = "use a newer labcdp" if newer else remedy
-        raise InputError(f"{name} {path} has version {quoted(found)}, this labcdp reads version {version}: {advice}")
+        raise InputError(f"{name} {path} has version {quoted(stated)}, this labcdp reads version {version}: {advice}")
     return document
 
 

@@ -117,8 +117,8 @@ class MeterScale:
 
     def is_as_in(self, other: MeterScale) -> bool:
         """Whether it is the same meter in the same state of adjustment, so that its scale error is the same."""
-        one, two = self.certificate, other.certificate
-        return self.meter == other.meter and (one and one.identity) == (two and two.identity)
+        mine, theirs = self.certificate, other.certificate
+        return self.meter == other.meter and (mine and mine.identity) == (theirs and theirs.identity)
 
     @property
     def state(self) -> str:
@@ -130,33 +130,33 @@ class MeterScale:
     def findings(self, readings: Readings) -> list[Finding]:
         """Return what a user should know about the traceability of these readings, by patch."""
         name, certificate = f"{self.meter.model} {self.meter.serial}", self.certificate
-        found = []
+        findings = []
         if self.f1_prime is None and self.light and not self.in_own_light:
             # A certificate's U does not hold in other light; the accuracy of a data sheet is no claim of traceability.
             severe = info if certificate is None else warning
-            found = [severe("meter-mismatch-not-stated", name, light=self.light, illuminant=self.illuminant)]
+            findings = [severe("meter-mismatch-not-stated", name, light=self.light, illuminant=self.illuminant)]
         if certificate is None:
-            return [info("meter-without-certificate", name, limits_rel=self.limits_rel), *found]
+            return [info("meter-without-certificate", name, limits_rel=self.limits_rel), *findings]
         number, times = certificate.number, _times(readings)
         if certificate.due_date is not None and times[-1].date() > certificate.due_date:
             due, at = f"{certificate.due_date}", f"{times[-1]:%Y-%m-%d}"
-            found.append(warning("certificate-overdue", name, number=number, due=due, measured=at))
+            findings.append(warning("certificate-overdue", name, number=number, due=due, measured=at))
         calibrated = (
             date.fromisoformat(self.meter.calibration_date) if self.meter.calibration_date else certificate.date
         )
         if certificate.date < calibrated <= times[-1].date():
             # A plan refuses such a certificate; the date of one given later may be that of its issue.
             since = {"date": f"{certificate.date}", "calibrated": f"{calibrated}"}
-            found.append(warning("certificate-of-earlier-calibration", name, number=number, **since))
-        found += _outside_certificate(name, certificate, readings)
+            findings.append(warning("certificate-of-earlier-calibration", name, number=number, **since))
+        findings += _outside_certificate(name, certificate, readings)
         stated = {
             "serial": certificate.serial,
             "range_cd_m2": certificate.range_cd_m2,
             "due_date or drift_rel_per_year": certificate.due_date or certificate.drift_rel_per_year,
         }
         if missing := [key for key, value in stated.items() if value is None]:
-            found.append(info("certificate-not-checked", name, number=number, missing=missing))
-        return found
+            findings.append(info("certificate-not-checked", name, number=number, missing=missing))
+        return findings
 
 
 def _times(readings: Readings) -> list[datetime]:

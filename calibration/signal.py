@@ -114,7 +114,7 @@ def net_signals(observations: Sequence[PatchObservation], settings: Sequence[Gai
         If a gain is not among them.
     """
     rows = [_net_signal(o, settings) for o in observations]
-    return NetSignals(**{one.name: np.array([row[one.name] for row in rows]) for one in fields(NetSignals)})
+    return NetSignals(**{field.name: np.array([row[field.name] for row in rows]) for field in fields(NetSignals)})
 
 
 def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[str, float]:
@@ -224,8 +224,8 @@ def usable(
         if reason is not None
     ]
     exposures_s: dict[Reason, list[float]] = {}
-    for one in left_out:
-        exposures_s.setdefault(one.reason, []).append(one.exposure_s or 0.0)
+    for left in left_out:
+        exposures_s.setdefault(left.reason, []).append(left.exposure_s or 0.0)
     findings = [info(_CODES[reason], left_out[0].patch, exposures_s=times) for reason, times in exposures_s.items()]
     return kept, left_out, findings
 
@@ -234,9 +234,9 @@ def left_out_text(left_out: Sequence[LeftOut]) -> str:
     """List excluded data on one line, for error messages."""
     groups: dict[tuple[str, Reason], list[str]] = {}
     # A patch without data is implied by its exposures.
-    for one in [one for one in left_out if one.reason != "not usable at any exposure"]:
-        times = groups.setdefault((one.patch, one.reason), [])
-        times += [] if one.exposure_s is None else [exposure_text(one.exposure_s)]
+    for left in [left for left in left_out if left.reason != "not usable at any exposure"]:
+        times = groups.setdefault((left.patch, left.reason), [])
+        times += [] if left.exposure_s is None else [exposure_text(left.exposure_s)]
     return "; ".join(
         f"patch {patch!r}: {reason}{' at ' if times else ''}{', '.join(times)}"
         for (patch, reason), times in groups.items()
@@ -257,9 +257,9 @@ def temperature_findings(observations: Sequence[PatchObservation], settings: Seq
     for o in observations:
         by_gain.setdefault(find_gain(settings, o.state.gain_db), []).append(o)
     findings = []
-    for index, own in by_gain.items():
-        frames = [(o.exposure_s, o.temperature_c) for o in own]
-        findings += settings[index].dark.temperature_findings(frames, f"patch {own[0].patch}")
+    for index, of_gain in by_gain.items():
+        frames = [(o.exposure_s, o.temperature_c) for o in of_gain]
+        findings += settings[index].dark.temperature_findings(frames, f"patch {of_gain[0].patch}")
     return findings
 
 

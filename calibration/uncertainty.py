@@ -208,6 +208,6 @@ def scales_apart(meter: MeterScale, calibrated: MeterScale) -> tuple[MeterScale,
 
 def expanded_rel(scales: Sequence[MeterScale], random_rel: float, dof: float = inf) -> float:
     """Relative expanded uncertainty U (95 %) of a value with the errors of meters and a further normal one."""
-    normal = [(one.normal_rel**2, one.degrees_of_freedom) for one in scales]
-    rectangular = [part for one in scales for part in one.rectangular_rel]
+    normal = [(scale.normal_rel**2, scale.degrees_of_freedom) for scale in scales]
+    rectangular = [part for scale in scales for part in scale.rectangular_rel]
     return expanded_uncertainty([*normal, (random_rel**2, dof)], rectangular)

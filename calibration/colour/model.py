@@ -68,13 +68,13 @@ class _CombinedMap(LuminanceMap):
 
     @property
     def _pixel_rel(self) -> _Map:
-        return self._combined([one.luminance_cd_m2 * one.random_rel for one in self._maps]) / self._magnitude
+        return self._combined([plane.luminance_cd_m2 * plane.random_rel for plane in self._maps]) / self._magnitude
 
     def _combined(self, of_planes: Sequence[_Map | float]) -> _Map:
         """Return the standard uncertainty of the weighted sum, of independent ones of the planes."""
         variance = np.zeros(self._maps[0].shape, dtype=np.float32)
-        for weight, one in zip(self._camera.weights, of_planes, strict=True):
-            variance += np.square(np.float32(weight) * one)
+        for weight, u in zip(self._camera.weights, of_planes, strict=True):
+            variance += np.square(np.float32(weight) * u)
         return np.sqrt(variance)
 
     def common_in(self, window: Window) -> tuple[CommonError, ...]:
@@ -84,8 +84,8 @@ class _CombinedMap(LuminanceMap):
         window = slice(rows.start, rows.stop), slice(columns.start, columns.stop)
         magnitude = self._magnitude[window]
         weighted = zip(self._camera.weights, self._maps, strict=True)
-        shares = [weight * one.luminance_cd_m2[window] / magnitude for weight, one in weighted]
-        of_planes = [one.common_in(window) for one in self._maps]
+        shares = [weight * plane.luminance_cd_m2[window] / magnitude for weight, plane in weighted]
+        of_planes = [plane.common_in(window) for plane in self._maps]
         return self._camera.common_errors(self._colours(window), of_planes, shares)
 
     def _colours(self, window: Window) -> _Map:
@@ -94,7 +94,7 @@ class _CombinedMap(LuminanceMap):
 
         around, inner = _widened(window, self._maps[0].shape)
         size = 2 * _NEIGHBOURS + 1
-        means = [cv2.blur(one.luminance_cd_m2[around], (size, size))[inner] for one in self._maps]
+        means = [cv2.blur(plane.luminance_cd_m2[around], (size, size))[inner] for plane in self._maps]
         return np.stack(means, axis=-1)
 
     @cached_property
@@ -103,8 +103,8 @@ class _CombinedMap(LuminanceMap):
         low, high = self._camera.range_cd_m2
         invalid = np.where(luminance < 0, Invalid.BELOW_BLACK, 0).astype(np.uint8)
         invalid[(luminance + margin < low) | (luminance - margin > high)] |= np.uint8(Invalid.OUTSIDE_CALIBRATED)
-        for one in self._maps:
-            invalid |= one.invalid & np.uint8(Invalid.SATURATED | Invalid.DEFECT)
+        for plane in self._maps:
+            invalid |= plane.invalid & np.uint8(Invalid.SATURATED | Invalid.DEFECT)
         return invalid[self._inner]
 
 

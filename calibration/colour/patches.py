@@ -54,7 +54,7 @@ class ColourPatch:
 
     def residual(self, deviation: float, stated_rel: float, without: float) -> PatchResidual:
         """Return its row, with the deviation of the combination from the reading, and that of one without the patch."""
-        exposures_s = tuple(sorted({t for one in self.seen for t in one.exposures_s}))
+        exposures_s = tuple(sorted({t for plane in self.seen for t in plane.exposures_s}))
         seen = self.reading.luminance_cd_m2 * (1 + deviation), exposures_s
         return PatchResidual.compared(self.reading, seen, stated_rel, self.centre_px, without)
 
@@ -127,11 +127,13 @@ def colour_patches(
 def colour_data(planes: Sequence[Calibration], patches: Sequence[ColourPatch]) -> ColourData:
     """Return what patches say by each colour, as numbers."""
     to_colour = colours_of_planes(planes)
-    luminance = np.array([[one.luminance_cd_m2 for one in patch.seen] for patch in patches])
-    own = np.array([[own_rel(plane, one) for plane, one in zip(planes, patch.seen, strict=True)] for patch in patches])
+    luminance = np.array([[seen.luminance_cd_m2 for seen in patch.seen] for patch in patches])
+    noise_rel = np.array(
+        [[own_rel(plane, seen) for plane, seen in zip(planes, patch.seen, strict=True)] for patch in patches]
+    )
     reading = np.array([patch.reading.luminance_cd_m2 for patch in patches])
     by_colour = luminance @ to_colour
-    error = np.sqrt((luminance * own) ** 2 @ to_colour**2)
+    error = np.sqrt((luminance * noise_rel) ** 2 @ to_colour**2)
     shared_rel = np.array([patch.shared_rel for patch in patches])
     return ColourData(by_colour / reading[:, None], error / np.abs(by_colour), shared_rel, colourfulness(by_colour))
 
@@ -141,7 +143,7 @@ def nonuniformity_rel(planes: Sequence[Calibration], group: ByPlane[PatchObserva
 
     By the plane that sees the most light, and the exposures that it can use.
     """
-    plane = max(planes, key=lambda one: one.responsivity.responsivity_dn_s_cd_m2)
+    plane = max(planes, key=lambda plane: plane.responsivity.responsivity_dn_s_cd_m2)
     kept, _, _ = usable(group[plane.state.plane], plane.settings)
     return float(np.mean(net_signals(kept, plane.settings).slow_rel)) if kept else 0.0
 

@@ -66,8 +66,8 @@ class ColourData:
 
     def variance(self, weights: Array, spectral: float) -> Array:
         """Variance of the combination over the reading, shape (n,)."""
-        own = (self.relative * self.own_rel) ** 2 @ weights**2
-        return own + self.shared_rel**2 + (spectral * self.colourfulness) ** 2
+        by_colour = (self.relative * self.own_rel) ** 2 @ weights**2
+        return by_colour + self.shared_rel**2 + (spectral * self.colourfulness) ** 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,12 +146,12 @@ def combine(data: ColourData, prior: Prior) -> Combination:
     coloured = data.colourfulness >= _COLOURED
     dof = data.dof
 
-    def chi_squared(found: Combination) -> float:
-        return float(np.sum((found.deviation / found.uncertainty)[coloured] ** 2))
+    def chi_squared(combination: Combination) -> float:
+        return float(np.sum((combination.deviation / combination.uncertainty)[coloured] ** 2))
 
-    found = _solve(data, prior, 0.0)
-    if chi_squared(found) <= dof:
-        return found
+    simplest = _solve(data, prior, 0.0)
+    if chi_squared(simplest) <= dof:
+        return simplest
     widest = _solve(data, prior, 1.0)
     if chi_squared(widest) > dof:
         return widest
@@ -164,8 +164,8 @@ def scattered(data: ColourData, weights: Array, grey: NDArray[np.bool_]) -> tupl
     Light and readings scatter alike in all colours: what counts is the scatter of their combination, in which the noise
     of the colours averages.
     """
-    found = scatter_around_mean((data.relative @ weights - 1)[grey], data.variance(weights, 0.0)[grey])
-    return replace(data, shared_rel=np.hypot(data.shared_rel, found[0])), found
+    scatter = scatter_around_mean((data.relative @ weights - 1)[grey], data.variance(weights, 0.0)[grey])
+    return replace(data, shared_rel=np.hypot(data.shared_rel, scatter[0])), scatter
 
 
 def leave_one_out(data: ColourData, prior: Prior, spectral: float) -> Array:
@@ -186,8 +186,8 @@ def _solve(data: ColourData, prior: Prior, spectral: float) -> Combination:
         standardised = deviation / np.sqrt(data.variance(weights, spectral))
         return np.concatenate([standardised, root @ (weights - prior.weights)])
 
-    found = least_squares(residuals, prior.weights, method="lm", xtol=1e-12, ftol=1e-12)
-    weights: Array = found.x
+    solution = least_squares(residuals, prior.weights, method="lm", xtol=1e-12, ftol=1e-12)
+    weights: Array = solution.x
     uncertainty = np.sqrt(data.variance(weights, spectral))
     design = np.vstack([data.relative / uncertainty[:, None], root])
     covariance = np.linalg.pinv(design.T @ design)

@@ -196,21 +196,21 @@ def _ratio_parts(bright: PatchLuminance, dark: PatchLuminance) -> list[tuple[flo
     a, b = numbered(bright.common), numbered(dark.common)
     left = []
     for name in sorted(a.keys() | b.keys()):
-        one, other = (errors.get(name, CommonError(name[0], 0.0)) for errors in (a, b))
-        difference = float(one.relative) - float(other.relative)
-        left.append(CommonError(name[0], difference, dof=min(one.dof, other.dof)))
+        first, second = (errors.get(name, CommonError(name[0], 0.0)) for errors in (a, b))
+        difference = float(first.relative) - float(second.relative)
+        left.append(CommonError(name[0], difference, dof=min(first.dof, second.dof)))
     return _parts([bright, dark], left)
 
 
 def _parts(patches: Sequence[PatchLuminance], common: Sequence[CommonError]) -> list[tuple[float, float]]:
     """Squares of relative uncertainties with their degrees of freedom, one for all that follow from one estimate."""
-    own = [(max(one.random_rel**2 - one.scatter_rel**2, 0.0), inf) for one in patches]
+    independent = [(max(patch.random_rel**2 - patch.scatter_rel**2, 0.0), inf) for patch in patches]
     alike: dict[str, list[tuple[float, float]]] = {"fit": [], **{source: [] for source in OF_FRAMES}}
     for error in common:
-        estimate = next((of for source, of in alike.items() if error.source.startswith(source)), own)
+        estimate = next((of for source, of in alike.items() if error.source.startswith(source)), independent)
         estimate.append((float(error.relative) ** 2, error.dof))
-    alike["fit"] += [(one.scatter_rel**2, one.scatter_dof) for one in patches]
-    return [*own, *map(variance_from_one_estimate, alike.values())]
+    alike["fit"] += [(patch.scatter_rel**2, patch.scatter_dof) for patch in patches]
+    return [*independent, *map(variance_from_one_estimate, alike.values())]
 
 
 def _combined(
@@ -220,7 +220,7 @@ def _combined(
     signals = net_signals(observations, calibration.settings)
     net, r = signals.net_dn, calibration.responsivity.responsivity_dn_s_cd_m2
     applied = np.array([calibration.exposure_times.applied_s(o.exposure_s) / o.exposure_s for o in observations])
-    factor = np.array([one.factor for one in calibration.settings])[signals.gain_index]
+    factor = np.array([setting.factor for setting in calibration.settings])[signals.gain_index]
     scale = signals.scale_per_s / (r * factor * applied)
     each = scale * calibration.response.linearise(net)
     slope = scale * calibration.response.slope(net)

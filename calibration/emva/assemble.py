@@ -73,7 +73,7 @@ def assemble(
     saturation_dn, photons, full_well = _saturation(points, transfer, measured.get("responsivity"))
     threshold = sensitivity_threshold_e(dark["dark_noise_dn"], k)
     note = "a lower limit" if limit != "full well" else ""
-    found = Characterisation(
+    result = Characterisation(
         **origin,
         **measured,
         **dark,
@@ -91,12 +91,12 @@ def assemble(
         darks=tuple(darks),
         findings=(),
     )
-    return with_findings(found, characterisation_findings(found, departure_rel(transfer.fitted, k.value)))
+    return with_findings(result, characterisation_findings(result, departure_rel(transfer.fitted, k.value)))
 
 
-def with_findings(found: Characterisation, more: Iterable[Finding]) -> Characterisation:
+def with_findings(result: Characterisation, more: Iterable[Finding]) -> Characterisation:
     """Return a characterisation with further findings."""
-    return replace(found, findings=unique([*found.findings, *more]))
+    return replace(result, findings=unique([*result.findings, *more]))
 
 
 def with_frame_changes(points: Sequence[_Point], darks: Sequence[DarkObservation]) -> list[_Point]:
@@ -108,7 +108,7 @@ def with_frame_changes(points: Sequence[_Point], darks: Sequence[DarkObservation
     ]
     # Relative flicker shows best where the light is brightest.
     weights = [point.net_dn**4 * (point.light.n_frames - 1) for point in lit]
-    relative2 = [one / point.net_dn**2 for one, point in zip(seen, lit, strict=True)]
+    relative2 = [mean / point.net_dn**2 for mean, point in zip(seen, lit, strict=True)]
     flicker2 = max(float(np.average(relative2, weights=weights)), 0.0) if lit else 0.0
     return [
         replace(
@@ -125,15 +125,15 @@ def _saturation(
 
     Electrons are R / K times the photons (mu_e.sat of the standard), or DN over K without photons.
     """
-    found, k = transfer.saturation, transfer.k
-    net, relative = found.net_dn, found.net_uncertainty_dn / found.net_dn
-    limited = "" if found.limit == "full well" else ", a lower limit of the pixel's full well"
-    photons = points[found.index].photons
+    saturation, k = transfer.saturation, transfer.k
+    net, relative = saturation.net_dn, saturation.net_uncertainty_dn / saturation.net_dn
+    limited = "" if saturation.limit == "full well" else ", a lower limit of the pixel's full well"
+    photons = points[saturation.index].photons
     full_dn = net if photons is None or responsivity is None else responsivity.value * photons
     return (
         Quantity(net, relative * net, "DN", "above the dark signal"),
         None if photons is None else Quantity(photons, relative * photons, "photons", "known to half a step"),
-        Quantity(full_dn, relative * full_dn, "DN").over(k, "e-", found.definition + limited),
+        Quantity(full_dn, relative * full_dn, "DN").over(k, "e-", saturation.definition + limited),
     )
 
 
@@ -162,7 +162,7 @@ _CHANCE = 3.0
 _LARGEST_DEPARTURE = 0.05
 
 
-def characterisation_findings(found: Characterisation, departure_rel: float) -> Iterator[Finding]:
+def characterisation_findings(result: Characterisation, departure_rel: float) -> Iterator[Finding]:
     """Find what is impossible or implausible in data sets and sessions.
 
     Parameters
@@ -172,13 +172,13 @@ def characterisation_findings(found: Characterisation, departure_rel: float) -> 
     departure_rel : float
         Relative departure of the photon transfer from its line.
     """
-    points, limit = found.series, found.saturation_limit
+    points, limit = result.series, result.saturation_limit
     # Bits that do not match the values.
     largest_mean_dn, multiple = max(p.light.mean_dn for p in points), min(p.light.multiple for p in points)
     if multiple > 1:
-        yield warning("bits-shifted", multiple=multiple, bits=found.bits - multiple.bit_length() + 1)
-    elif limit != "not reached" and largest_mean_dn < 2 ** (found.bits - 1):
-        yield warning("bits-unused", saturation_dn=largest_mean_dn, bits=found.bits)
+        yield warning("bits-shifted", multiple=multiple, bits=result.bits - multiple.bit_length() + 1)
+    elif limit != "not reached" and largest_mean_dn < 2 ** (result.bits - 1):
+        yield warning("bits-unused", saturation_dn=largest_mean_dn, bits=result.bits)
     if len(points) < _FEWEST_POINTS:
         yield warning("few-points", count=len(points), least=_FEWEST_POINTS)
     black = max(points, key=lambda p: p.dark.black_share)
@@ -190,26 +190,26 @@ def characterisation_findings(found: Characterisation, departure_rel: float) -> 
         yield (warning if series else info)("saturation-not-reached", net_dn=points[-1].net_dn)
     if limit == "converter":
         yield info("converter-saturates")
-    yield from _dark_current_findings(found)
+    yield from _dark_current_findings(result)
     if departure_rel > _LARGEST_DEPARTURE:
         yield warning("photon-transfer-not-straight", departure_rel=departure_rel)
     # Deviations from the line that no usable camera has.
-    errors = [one for one in (found.linearity_error_min_rel, found.linearity_error_max_rel) if one is not None]
+    errors = [error for error in (result.linearity_error_min_rel, result.linearity_error_max_rel) if error is not None]
     worst = max(errors, key=lambda error: abs(error.value), default=None)
     if worst is not None and abs(worst.value) > max(_LARGEST_LINEARITY_ERROR, _CHANCE * worst.u):
         yield warning("not-linear", deviation_rel=worst.value, usual_rel=_LARGEST_LINEARITY_ERROR)
     # Dark signals with too little noise to dither rounding.
-    least = min(dark.temporal_variance_dn2 for dark in found.darks)
+    least = min(dark.temporal_variance_dn2 for dark in result.darks)
     if least < _DITHERED_DN2:
         yield warning("dark-noise-rounded", limit_dn=_DITHERED_DN, variance_dn2=least)
-        if min(found.darks, key=lambda dark: dark.exposure_s).temporal_variance_dn2 < LEAST_VARIANCE_DN2:
+        if min(result.darks, key=lambda dark: dark.exposure_s).temporal_variance_dn2 < LEAST_VARIANCE_DN2:
             yield info("read-noise-upper-limit")
 
 
-def findings_of_data_set(found: Characterisation) -> Iterator[Finding]:
+def findings_of_data_set(result: Characterisation) -> Iterator[Finding]:
     """Find exposures and photon numbers that the index of a data set cannot mean, and noise that falls."""
-    exposures_s = [point.exposure_s for point in found.series]
-    shortest, longest, current = min(exposures_s), max(exposures_s), found.dark_current_e_s
+    exposures_s = [point.exposure_s for point in result.series]
+    shortest, longest, current = min(exposures_s), max(exposures_s), result.dark_current_e_s
     if 0 < shortest < _SHORTEST_S or longest < _LONGEST_SHORT_S or longest > _LONGEST_S:
         yield warning("exposures-not-in-ns", range_ns=[shortest * 1e9, longest * 1e9])
     elif longest < _RARELY_SHORT_S:
@@ -217,18 +217,18 @@ def findings_of_data_set(found: Characterisation) -> Iterator[Finding]:
     low = current is not None and current.value + 2 * current.u < _LOW_CURRENT_E_S
     if current is not None and low and _RARELY_LONG_S < longest <= _LONGEST_S:
         yield warning("exposures-perhaps-in-ps", longest_s=longest, dark_current_e_s=current.value)
-    if all(point.photons is None for point in found.series):
+    if all(point.photons is None for point in result.series):
         yield warning("photons-unknown")
-    efficiency = found.quantum_efficiency
+    efficiency = result.quantum_efficiency
     if efficiency is not None and not _LOWEST_QE <= efficiency.value <= 1:
         code = "photons-too-few" if efficiency.value > 1 else "photons-too-many"
         yield warning(code, quantum_efficiency=efficiency.value)
-    if found.saturation_limit == "full well" and _still_rises(found):
-        yield warning("noise-falls", net_dn=found.saturation_dn.value)
+    if result.saturation_limit == "full well" and _still_rises(result):
+        yield warning("noise-falls", net_dn=result.saturation_dn.value)
 
 
-def _dark_current_findings(found: Characterisation) -> Iterator[Finding]:
-    mean, by_variance = found.dark_current_e_s, found.dark_current_by_variance_e_s
+def _dark_current_findings(result: Characterisation) -> Iterator[Finding]:
+    mean, by_variance = result.dark_current_e_s, result.dark_current_by_variance_e_s
     for current, code in ((mean, "dark-current-negative"), (by_variance, "dark-current-by-variance-negative")):
         if current is not None and current.value < -_CHANCE * current.u:
             z = -current.value / current.u
@@ -237,10 +237,10 @@ def _dark_current_findings(found: Characterisation) -> Iterator[Finding]:
         yield warning("dark-current-too-large", dark_current_e_s=mean.value)
 
 
-def _still_rises(found: Characterisation) -> bool:
+def _still_rises(result: Characterisation) -> bool:
     """Whether the last point exceeds the peak by at least half of the increase of the stimulus."""
-    last, full, photons = found.series[-1], found.saturation_dn.value, found.saturation_photons
-    peak = next(point for point in found.series if point.net_dn == full)
+    last, full, photons = result.series[-1], result.saturation_dn.value, result.saturation_photons
+    peak = next(point for point in result.series if point.net_dn == full)
     if last.photons is None or photons is None or photons.value == 0:
         more = last.exposure_s / peak.exposure_s
     else:

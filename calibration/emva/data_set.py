@@ -81,16 +81,16 @@ def characterise_data_set(
     transfer = photon_transfer(points)
     nonuniformity, findings = _nonuniformity([(block, stacks[block]) for block in of_stacks], transfer.k)
     origin = {"source": str(index.path), "bits": index.bits, "image_shape": shape}
-    found = assemble(origin, points, own_darks, transfer, _sensitivity(points, transfer) | nonuniformity)
-    return with_findings(found, [*findings_of_data_set(found), *of_choice, *findings])
+    result = assemble(origin, points, own_darks, transfer, _sensitivity(points, transfer) | nonuniformity)
+    return with_findings(result, [*findings_of_data_set(result), *of_choice, *findings])
 
 
 def _stacks(index: DataSetIndex) -> tuple[list[IndexBlock], list[Finding]]:
     """Blocks for the spatial quantities: the dark one with the most images, and the bright one, if there are any."""
     most: dict[str, list[IndexBlock]] = {"bright": [], "dark": []}
     for kind, blocks in most.items():
-        own = [block for block in index.blocks if block.kind == kind and len(block.images) >= _STACK]
-        blocks += [block for block in own if len(block.images) == max(len(other.images) for other in own)]
+        of_kind = [block for block in index.blocks if block.kind == kind and len(block.images) >= _STACK]
+        blocks += [block for block in of_kind if len(block.images) == max(len(other.images) for other in of_kind)]
     # EMVA 1288 Release 4.0 Linear: at about half of saturation.
     lit = [block for block in index.blocks if block.kind == "bright"]
     known = any(block.photons > 0 for block in lit)
@@ -153,11 +153,11 @@ def _nonuniformity(
         return {}, [warning("no-dark-stack")]
     (dark_block, dark), *bright = stacks
     of_dark = spatial_variance_of(dark)
-    found: dict[str, Any] = dict(
+    dsnu: dict[str, Any] = dict(
         dsnu_parts(of_dark, k, dark, f"{dark.n_frames} images at {exposure_text(dark_block.exposure_s)}")
     )
     if not bright:
-        return found | {"spatial": (dark,)}, [warning("no-bright-stack")]
+        return dsnu | {"spatial": (dark,)}, [warning("no-bright-stack")]
     light_block, light = bright[0]
     findings = []
     if dark_block.exposure_ns != light_block.exposure_ns:
@@ -165,7 +165,7 @@ def _nonuniformity(
         findings.append(warning("stacks-of-different-exposures", **exposures))
     net = light.mean_dn - dark.mean_dn
     if not net > 0:
-        return found, [*findings, warning("bright-stack-not-brighter")]
+        return dsnu, [*findings, warning("bright-stack-not-brighter")]
     note = f"{light.n_frames} images at {net:.4g} DN above the dark signal, non-uniform light included"
     prnu = prnu_parts(spatial_variance_of(light), of_dark, net, note)
-    return found | prnu | {"spatial": (dark, light)}, findings
+    return dsnu | prnu | {"spatial": (dark, light)}, findings

@@ -159,9 +159,9 @@ class ImageCheck:
             If its pixels are those of another image, which is allowed only to a pair and a stack of one level, or its
             depth is another. Images of one value throughout, black or saturated, may be alike.
         """
-        own = _Image.of(block, number)
-        where = f"{self._index}, line {own.line}: {own.name}"
-        self._depth = self._depth or (dn.dtype, own)
+        image = _Image.of(block, number)
+        where = f"{self._index}, line {image.line}: {image.name}"
+        self._depth = self._depth or (dn.dtype, image)
         dtype, first = self._depth
         if dn.dtype != dtype:
             raise InputError(
@@ -172,7 +172,7 @@ class ImageCheck:
         if bits == int(np.bitwise_and.reduce(dn, axis=None)):
             return
         multiple = min(bits & -bits, 16)
-        self._multiple = self._multiple or (multiple, own)
+        self._multiple = self._multiple or (multiple, image)
         usual, first = self._multiple
         if max(multiple, usual) >= _DEPTH_FACTOR * min(multiple, usual):
             raise InputError(
@@ -180,9 +180,9 @@ class ImageCheck:
                 "depths; give all images as the camera sent them"
             )
         digest = blake2b(dn.tobytes(), digest_size=16).digest()
-        twin = self._seen.setdefault((digest, block.line), own)
-        other = self._seen.setdefault((digest, None), own) if twin is own else twin
-        if twin is not own or other.level != own.level:
+        twin = self._seen.setdefault((digest, block.line), image)
+        other = self._seen.setdefault((digest, None), image) if twin is image else twin
+        if twin is not image or other.level != image.level:
             raise InputError(
                 f"{where} has the same pixels as {other}: no two exposures are alike, give the image that belongs here"
             )
@@ -205,19 +205,19 @@ def require_levels(index: DataSetIndex, measured: Sequence[tuple[IndexBlock, Lev
         signal above dark signal, and 1 DN.
     """
     dark_dn = {block.exposure_ns: float(np.median(s.frame_means_dn)) for block, s in measured if block.kind == "dark"}
-    for block, found in sorted(measured, key=lambda pair: pair[0].kind == "bright"):
-        means = np.array(found.frame_means_dn)
+    for block, level in sorted(measured, key=lambda pair: pair[0].kind == "bright"):
+        means = np.array(level.frame_means_dn)
         usual = np.array([np.median(np.delete(means, i)) for i in range(means.size)])
         signal = float(np.median(means)) - (dark_dn.get(block.exposure_ns, 0.0) if block.kind == "bright" else 0.0)
-        noise = np.sqrt(found.temporal_variance_dn2 / found.n_pixels * (1 + 1 / (means.size - 1)))
+        noise = np.sqrt(level.temporal_variance_dn2 / level.n_pixels * (1 + 1 / (means.size - 1)))
         limit = max(_CHANCE * noise, _LARGEST_DIFFERENCE_REL * signal, _LEAST_DIFFERENCE_DN)
         worst = int(np.argmax(np.abs(means - usual)))
         if abs(means[worst] - usual[worst]) > limit:
-            own = _Image.of(block, worst)
+            image = _Image.of(block, worst)
             others = f"the other {means.size - 1} images of its block"
             others = f"{_Image.of(block, 1 - worst)} one of" if means.size == 2 else others
             raise InputError(
-                f"{index.path}, line {own.line}: {own.name} has a mean of {means[worst]:.4g} DN, {others} "
+                f"{index.path}, line {image.line}: {image.name} has a mean of {means[worst]:.4g} DN, {others} "
                 f"{usual[worst]:.4g} DN, which noise does not explain: one of them does not belong to line "
                 f"{block.line}; correct the index, or record the level again"
             )

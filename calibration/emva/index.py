@@ -93,8 +93,8 @@ def index_path(path: str | PathLike[str]) -> Path | None:
     given = Path(path)
     if not given.is_dir():
         return given
-    found = given / INDEX_NAME
-    return found if is_file(found) else None
+    file = given / INDEX_NAME
+    return file if is_file(file) else None
 
 
 def load_index(path: str | PathLike[str]) -> DataSetIndex:
@@ -218,11 +218,11 @@ def _require_images(index: DataSetIndex) -> None:
     missing = [(image, line) for image, line in images if not is_file(image)]
     if missing:
         image, line = missing[0]
-        found = _same_name(index.path.parent, image.name)
+        file = _same_name(index.path.parent, image.name)
         advice = (
             "copy them there, or take them out of the index"
-            if found is None
-            else f"a file of that name is in {found}, correct the paths of the index, capital letters too"
+            if file is None
+            else f"a file of that name is in {file}, correct the paths of the index, capital letters too"
         )
         raise InputError(
             f"{index.path}, block of line {line}: {len(missing)} of {len(images)} images are missing, the first is "
@@ -234,5 +234,7 @@ def _same_name(folder: Path, name: str) -> Path | None:
     """Folder that holds a file of this name, in letters of either case: this one, or one directly in it."""
     with suppress(OSError):
         folders = [folder, *sorted(child for child in folder.iterdir() if child.is_dir())]
-        return next((one for one in folders if any(c.name.lower() == name.lower() for c in one.iterdir())), None)
+        return next(
+            (folder for folder in folders if any(c.name.lower() == name.lower() for c in folder.iterdir())), None
+        )
     return None

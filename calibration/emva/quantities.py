@@ -55,10 +55,10 @@ class DarkFit:
         includes rounding: all noise compatible with this variance is equally likely.
         """
         dark, model, variance = self._noise_dn(), self.model, self.variance
-        own = sqrt(dark.value**2 - ROUNDING_DN2)
-        by_noise = dark.value * dark.u / own
-        by_rounding = variance_before_rounding(variance.intercept).root().error_of(own)
-        noise = Quantity(own, max(by_noise, by_rounding), "DN")
+        unrounded = sqrt(dark.value**2 - ROUNDING_DN2)
+        by_noise = dark.value * dark.u / unrounded
+        by_rounding = variance_before_rounding(variance.intercept).root().error_of(unrounded)
+        noise = Quantity(unrounded, max(by_noise, by_rounding), "DN")
         rate = Quantity(model.rate_dn_s, sqrt(model.rate_variance_dn2_s2), "DN/s")
         growth = Quantity(variance.slope, sqrt(variance.covariance[1, 1]), "DN^2/s")
         by_mean, by_variance = "slope of the mean over the exposure", "slope of the variance over the exposure"
@@ -138,8 +138,8 @@ def snr_max(full_well_e: Quantity, note: str = "") -> Quantity:
 def dsnu_e(variance: Quantity, k: Quantity, rounding_e: float, note: str = "", unit: str = "e-") -> Quantity:
     """DSNU in electrons: sqrt(s_dark^2) / K (EMVA 1288 Release 4.0 Linear), with its uncertainty by rounding too."""
     in_dn = spread(variance, 1.0, "DN", note)
-    found = in_dn.over(k, unit, in_dn.note)
-    return replace(found, u=hypot(found.u, rounding_e))
+    in_e = in_dn.over(k, unit, in_dn.note)
+    return replace(in_e, u=hypot(in_e.u, rounding_e))
 
 
 def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: MeasuredFrames, note: str) -> dict[str, Quantity]:
@@ -158,12 +158,12 @@ def dsnu_parts(variance: SpatialVariance, k: Quantity, dark: MeasuredFrames, not
     """
     rounding_e = rounding_of_spread_dn(dark) / k.value
     whole = dsnu_e(variance.total, k, rounding_e, note)
-    found = {"dsnu_e": whole}
+    parts = {"dsnu_e": whole}
     for name in PARTS:
-        one: Quantity = getattr(variance, name)
-        share = abs(spread(one, k.value).value / whole.value) if whole.value else 1.0
-        found[f"dsnu_{name}_e"] = dsnu_e(one, k, rounding_e * share)
-    return found
+        part: Quantity = getattr(variance, name)
+        share = abs(spread(part, k.value).value / whole.value) if whole.value else 1.0
+        parts[f"dsnu_{name}_e"] = dsnu_e(part, k, rounding_e * share)
+    return parts
 
 
 def rounding_of_spread_dn(dark: MeasuredFrames) -> float:
@@ -183,9 +183,9 @@ def prnu_parts(bright: SpatialVariance, dark: SpatialVariance, net_dn: float, no
     return {"prnu_rel": spread(bright.total - dark.total, net_dn, "1", note), **parts}
 
 
-def spatial_variance_of(one: MeasuredFrames) -> SpatialVariance:
+def spatial_variance_of(frames: MeasuredFrames) -> SpatialVariance:
     """Spatial variance of the mean of frames."""
-    return spatial_variance(one.image_dn, one.temporal.scaled(1 / one.n_frames))
+    return spatial_variance(frames.image_dn, frames.temporal.scaled(1 / frames.n_frames))
 
 
 def spread(variance: Quantity, per: float, unit: str = "", note: str = "") -> Quantity:
@@ -216,14 +216,15 @@ def dark_pattern_variances(
     """
     t = np.array(exposures_s)
     design = np.column_stack([np.ones_like(t), t])[:, : t.size]
-    found = []
+    variances = []
     for weights in np.linalg.pinv(design):
         image, noise = np.zeros(frames[0].shape), np.zeros(3)
-        for weight, one in zip(weights, frames, strict=True):
-            image += weight * one.image_dn
-            noise += weight**2 / one.n_frames * np.array([one.temporal.pixel, one.temporal.column, one.temporal.row])
-        found.append(spatial_variance(image, LineVariances(*noise.tolist())))
-    return tuple(found)
+        for weight, at_exposure in zip(weights, frames, strict=True):
+            image += weight * at_exposure.image_dn
+            temporal = at_exposure.temporal
+            noise += weight**2 / at_exposure.n_frames * np.array([temporal.pixel, temporal.column, temporal.row])
+        variances.append(spatial_variance(image, LineVariances(*noise.tolist())))
+    return tuple(variances)
 
 
 def flat_variance(
@@ -251,7 +252,7 @@ def flat_variance(
     Quantity
         May be below 0.
     """
-    y, x = (2 * (place - place.min()) / max(np.ptp(place), 1) - 1 for place in (rows, columns))
+    y, x = (2 * (position - position.min()) / max(np.ptp(position), 1) - 1 for position in (rows, columns))
     surface = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
     fitted, *_ = np.linalg.lstsq(surface, values)
     dof = values.size - surface.shape[1]

@@ -215,4 +215,6 @@ class Characterisation:
 
 
 #: What the quantities are called, by the attributes of `Characterisation`.
-QUANTITY_NAMES: dict[str, str] = {one.name: one.metadata["name"] for one in fields(Characterisation) if one.metadata}
+QUANTITY_NAMES: dict[str, str] = {
+    field.name: field.metadata["name"] for field in fields(Characterisation) if field.metadata
+}

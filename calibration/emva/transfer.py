@@ -84,9 +84,9 @@ def system_gain(points: Sequence[SeriesPoint], weighted: bool = False) -> Quanti
     return Quantity(fit.value, fit.u, "DN/e-", note)
 
 
-def _no_noise(found: str) -> CalibrationError:
+def _no_noise(reason: str) -> CalibrationError:
     return CalibrationError(
-        f"the temporal noise does not grow with the signal ({found}): check that the images are different ones, not "
+        f"the temporal noise does not grow with the signal ({reason}): check that the images are different ones, not "
         "denoised, and light and dark not mixed up"
     )
 

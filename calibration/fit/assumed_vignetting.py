@@ -53,7 +53,8 @@ def with_wider_vignetting(
 ) -> tuple[Design, AnyVignetting | None]:
     """Return a design and its vignetting with a wider prior of its error."""
     shared = tuple(
-        replace(one, relative=factor * one.relative) if one.source == VIGNETTING else one for one in design.shared
+        replace(error, relative=factor * error.relative) if error.source == VIGNETTING else error
+        for error in design.shared
     )
     if isinstance(vignetting, Cos4Vignetting):
         vignetting = replace(vignetting, corner_rel=factor * vignetting.corner_rel)

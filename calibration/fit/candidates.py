@@ -122,7 +122,7 @@ class CandidateModel:
         if self.kind == "pchip":
             return bool((np.diff(parameters, prepend=0.0) > 0).all())
         if self.kind == "knees":
-            return all(bool((np.diff(one) > 0).all()) for one in self._lines(parameters))
+            return all(bool((np.diff(line) > 0).all()) for line in self._lines(parameters))
         steps = self.knots_dn[-1] * np.linspace(0, 1, 1 if self.bracket else _N_KNOTS)
         return bool(parameters[0] > 0 and (self.curve(parameters, steps).slope > 0).all())
 
@@ -195,7 +195,7 @@ def candidate_models(design: Design, dark_dn: float, bracket: ResponseCurve | No
     fitted = [CandidateModel("linear", (top,)), CandidateModel("quadratic", (top,))]
     fitted += [CandidateModel("gamma", (top,), dark_dn=max(dark_dn, 1.0)), CandidateModel("cubic", (top,))]
     spare = n_patches - MIN_SPARE_PATCHES
-    candidates += [one for one in fitted if one.kind == "linear" or one.n_parameters <= spare]
+    candidates += [candidate for candidate in fitted if candidate.kind == "linear" or candidate.n_parameters <= spare]
     candidates += [_with_knees(design, n) for n in (1, 2) if 2 * n + 1 <= spare]
     for n_knots in range(min(MAX_KNOTS, spare), 2, -1):
         knots = top * np.arange(1, n_knots + 1) / n_knots
@@ -224,7 +224,7 @@ def _with_knees(design: Design, n: int) -> CandidateModel:
 
     lowest = log(max(float(net_dn.min()), _LOWEST_KNEE * top))
     places = np.linspace(lowest, log(top), _N_PLACES + 2)[1:-1]
-    start = min(combinations(places.tolist(), n), key=lambda one: lines(np.array(one))[0])
+    start = min(combinations(places.tolist(), n), key=lambda knots: lines(np.array(knots))[0])
 
     def deviation(logarithms: NDArray[np.float64]) -> float:
         return lines(logarithms)[0]

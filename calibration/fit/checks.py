@@ -102,14 +102,16 @@ def effect_findings(selection: ModelSelection, vignetting: AnyVignetting | None)
 
 def stated_vignetting_rel(design: Design) -> float:
     """Root mean square deviation between the patches by the stated uncertainty of an assumed vignetting; else 0."""
-    return sqrt(sum(float(np.var(one.relative)) for one in design.shared if one.source == VIGNETTING))
+    return sqrt(sum(float(np.var(error.relative)) for error in design.shared if error.source == VIGNETTING))
 
 
 def size(row: FittedEffect, design: Design) -> tuple[float, float]:
     """Return the size of an effect with its standard uncertainty: relative ones of exposures, rms of places."""
     kind = row.effect.kind
     if kind == "place":
-        size = sqrt(float(np.mean((row.amplitude.value @ design.place[:, : row.amplitude.value.size].T) ** 2)))
+        size = sqrt(
+            float(np.mean((row.amplitude.value @ design.position_patterns[:, : row.amplitude.value.size].T) ** 2))
+        )
         drop = row.amplitude.drop
         return size, size * sqrt(row.amplitude.n / drop) if drop > 0 else 0.0
     if kind == "rim":
@@ -176,7 +178,9 @@ def gain(gains: Sequence[GainSetting], own_db: float) -> FitTest:
     """Most deviating fitted gain factor relative to 10^(dB / 20) over the calibration's own gain."""
     if not gains:
         return FitTest("gain", 0.0, 0.0, "", False, info("not-testable-gains", "gain"))
-    rows = [(one.factor / 10 ** ((one.gain_db - own_db) / 20) - 1, one.factor_random_rel, one.gain_db) for one in gains]
+    rows = [
+        (gain.factor / 10 ** ((gain.gain_db - own_db) / 20) - 1, gain.factor_random_rel, gain.gain_db) for gain in gains
+    ]
     value, uncertainty, gain_db = max(rows, key=lambda row: abs(row[0]) / max(row[1], 1e-12))
     significant = abs(value) > max(critical_value(len(rows)) * uncertainty, GAIN_TOLERANCE_REL)
     expanded = expanded_half_width(0.0, uncertainty)

@@ -64,7 +64,7 @@ def require_monotone(solution: Solution, deviating: Collection[str]) -> None:
     design = solution.design
     reading, seen, by_meter = design.reading_cd_m2, seen_cd_m2(solution), np.sqrt(design.reading_variance)
     noise_cd_m2 = solution.slope * np.sqrt(design.signals.noise_variance_dn2)
-    noise = [np.linalg.norm(weight * noise_cd_m2[own]) for own, weight in weights_by_patch(solution)]
+    noise = [np.linalg.norm(weight * noise_cd_m2[of_patch]) for of_patch, weight in weights_by_patch(solution)]
     by_camera = np.hypot(noise, design.own_rel * seen)
     for i in np.argsort(-reading):
         for k in range(seen.size):
@@ -102,7 +102,7 @@ def design_findings(
         findings.append(warning("few-exposures", exposures_s=used.tolist(), advised=ADVISED_EXPOSURES))
     noise = settings[0].noise
     flicker_rel, exposure_s = max((noise.flicker_at(float(t))[0], float(t)) for t in used)
-    settling = any(one.code == "first-frames-differ" for one in of_noise)
+    settling = any(finding.code == "first-frames-differ" for finding in of_noise)
     if flicker_rel > _FLICKER_TOLERANCE_REL and not settling:
         findings.append(warning("flicker", flicker_rel=flicker_rel, exposure_s=exposure_s))
         if first_frames(observations, settings[0].dark, _PERHAPS):

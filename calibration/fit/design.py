@@ -75,7 +75,7 @@ class Design:
         Errors of dark signal, exposure times, vignetting, light and black level of the same frames, and drift.
     own_rel : ndarray of float, shape (P,)
         Relative standard uncertainty by the sensitivity of its pixels.
-    place : ndarray of float, shape (P, 3)
+    position_patterns : ndarray of float, shape (P, 3)
         Smooth patterns over the image, see `smooth_patterns`.
     rim_rel : ndarray of float, shape (P,)
         By how much the rims of their regions make them brighter than what is inside, relative.
@@ -94,7 +94,7 @@ class Design:
     signals: NetSignals
     shared: tuple[SharedError, ...]
     own_rel: Array
-    place: Array
+    position_patterns: Array
     rim_rel: Array
     delay_h: Array
     scatter_rel: Scatter = NO_SCATTER
@@ -230,7 +230,7 @@ def build_design(
         signals=signals,
         shared=tuple(shared),
         own_rel=np.bincount(patch, weight * signals.pixels_rel) / total,
-        place=patterns,
+        position_patterns=patterns,
         rim_rel=np.bincount(patch, weight * signals.rim_rel) / total,
         delay_h=delay_h,
     )

@@ -253,8 +253,8 @@ def _exposure_effects(design: Design) -> list[Effect]:
     offset = SharedError("exposure offset", 1 / design.exposures_s[design.exposure])
     effects = [Effect("exposure offset", (offset,))]
     for k, exposure_s in enumerate(design.exposures_s.tolist()):
-        own = SharedError("exposure", np.where(design.exposure == k, 1.0, 0.0))
-        effects.append(Effect("exposure", (own,), k, exposure_text(exposure_s), n))
+        error = SharedError("exposure", np.where(design.exposure == k, 1.0, 0.0))
+        effects.append(Effect("exposure", (error,), k, exposure_text(exposure_s), n))
     return effects
 
 
@@ -274,13 +274,13 @@ def _patch_effects(design: Design) -> list[Effect]:
     """Smooth changes over the image, r^2, x and y, only r^2 for few patches; and readings of single patches."""
     n = len(design.patches)
     spare = n - 1 - _SPARE_PATCHES
-    columns = design.place[:, : 3 if spare >= 3 else 1 if spare >= 1 else 0].T
-    place = tuple(SharedError("place", one[design.patch]) for one in columns)
-    effects = [Effect("place", place)] if place else []
+    columns = design.position_patterns[:, : 3 if spare >= 3 else 1 if spare >= 1 else 0].T
+    position = tuple(SharedError("place", pattern[design.patch]) for pattern in columns)
+    effects = [Effect("place", position)] if position else []
     effects.append(Effect("rim", (SharedError("rim", design.rim_rel[design.patch]),)))
     for k, name in enumerate(design.patches if n >= _MIN_PATCHES else ()):
-        own = SharedError("patch", cd_m2=np.where(design.patch == k, 1.0, 0.0))
-        effects.append(Effect("patch", (own,), k, name, n))
+        error = SharedError("patch", cd_m2=np.where(design.patch == k, 1.0, 0.0))
+        effects.append(Effect("patch", (error,), k, name, n))
     return effects
 
 
@@ -337,4 +337,4 @@ def largest_of_each_kind(solution: Solution, effects: Iterable[Effect]) -> list[
         plain = FittedEffect(effect, amplitude(solution, effect.columns(solution)))
         if effect.kind not in best or plain.amplitude.drop > best[effect.kind].amplitude.drop:
             best[effect.kind] = plain
-    return [one.effect for one in best.values()]
+    return [fitted.effect for fitted in best.values()]

@@ -69,12 +69,12 @@ def full_well(groups: Groups, readings: Readings, settings: Sequence[GainSetting
         rows: list[Any] = [np.empty((3, 0))]
         for patch, group in groups.items():
             signals = net_signals(usable(group, settings)[0], settings)
-            own = signals.where(signals.gain_index == index)
+            of_gain = signals.where(signals.gain_index == index)
             light = float(np.mean([reading.luminance_cd_m2 for reading in readings[patch]]))
-            promised = own.net_dn * own.scale_per_s
-            if own.net_dn.size:
-                promised = promised[np.argmax(own.scale_per_s)] / own.scale_per_s
-            rows.append([own.net_dn, light / own.scale_per_s, promised])
+            promised = of_gain.net_dn * of_gain.scale_per_s
+            if of_gain.net_dn.size:
+                promised = promised[np.argmax(of_gain.scale_per_s)] / of_gain.scale_per_s
+            rows.append([of_gain.net_dn, light / of_gain.scale_per_s, promised])
         level = plateau_dn(*np.hstack(rows))
         if level is not None:
             levels.append((level + setting.dark.offset_dn, SAFE_SHARE * level + setting.dark.offset_dn))

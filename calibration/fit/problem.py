@@ -208,7 +208,7 @@ def _start(design: Design, candidate: CandidateModel) -> Array:
     """Return a straight line, or the given response, by the median ratio for each gain, or beside what was found."""
     shape, gain = candidate.shape(design.net_dn) * design.signals.scale_per_s, design.signals.gain_index
     of_gains = np.equal.outer(gain, np.arange(int(gain.max()) + 1))
-    slopes = np.array([np.median((design.readings / shape)[own]) for own in of_gains.T])
+    slopes = np.array([np.median((design.readings / shape)[of_gain]) for of_gain in of_gains.T])
     with_effects = replace(design, shared=tuple(error for error in design.shared if error.is_parameter))
     if with_effects.shared:
         effects = with_effects.patterns(design.readings, design.signals.scale_per_s)

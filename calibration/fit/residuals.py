@@ -44,10 +44,11 @@ def fitted_rows(solution: Solution, groups: Groups, moved: Array | float) -> tup
     luminance = solution.luminance - moved
     supported = len(design.patches) > solution.candidate.n_parameters
     by_patch = zip(design.patch_readings, weights_by_patch(solution), leave_one_out(solution)[0], strict=True)
-    for reading, (own, weight), left_out_rel in by_patch:
-        stated = sqrt(float(weight @ solution.covariance[np.ix_(own, own)] @ weight)) / reading.luminance_cd_m2
-        exposures_s = tuple(np.unique(design.exposures_s[design.exposure[own]]).tolist())
-        seen = float(weight @ luminance[own]), exposures_s
+    for reading, (of_patch, weight), left_out_rel in by_patch:
+        variance = float(weight @ solution.covariance[np.ix_(of_patch, of_patch)] @ weight)
+        stated = sqrt(variance) / reading.luminance_cd_m2
+        exposures_s = tuple(np.unique(design.exposures_s[design.exposure[of_patch]]).tolist())
+        seen = float(weight @ luminance[of_patch]), exposures_s
         without = float(left_out_rel) if supported else None
         rows.append(PatchResidual.compared(reading, seen, stated, groups[reading.patch][0].centre_px, without))
     return tuple(rows)
@@ -142,9 +143,9 @@ def fit_errors(solution: Solution, of_vignetting: float = 1.0) -> tuple[FitError
     ]
     by_shape = list(solution.luminance * solution.candidate.errors(solution.design.net_dn))
     rest = solution.covariance - sum(np.outer(column, column) for column in (*by_twice, *by_shape))
-    own = solution.gain @ rest @ solution.gain.T
+    covariance = solution.gain @ rest @ solution.gain.T
     n = solution.candidate.n_parameters
-    response, between, factors = own[:n, :n], own[n:, :n], own[n:, n:]
+    response, between, factors = covariance[:n, :n], covariance[n:, :n], covariance[n:, n:]
     dof, regression = fit_dof(solution), between @ np.linalg.pinv(response)
     errors = [_error(solution, "fit", np.concatenate([step, regression @ step]), dof) for step in independent(response)]
     for step in independent(factors - regression @ between.T):
@@ -171,22 +172,24 @@ def next_response_error(solution: Solution, candidates: Sequence[CandidateModel]
     candidates : sequence of CandidateModel
         Candidates of the response, simplest first.
     """
-    own = solution.candidate
-    more = [one for one in candidates if one.n_parameters > own.n_parameters] if own.bracket is None else []
+    candidate = solution.candidate
+    larger = [other for other in candidates if other.n_parameters > candidate.n_parameters]
+    more = larger if candidate.bracket is None else []
     other = next(solutions(solution.design, more), None)
     if other is None:
         return ()
-    drop, extra = solution.chi_squared - other.chi_squared, other.candidate.n_parameters - own.n_parameters
+    drop, extra = solution.chi_squared - other.chi_squared, other.candidate.n_parameters - candidate.n_parameters
     if drop <= extra:
         return ()
 
     def change(net_dn: Array) -> Array:
         before, after = (
-            one.candidate.curve(one.parameters[: one.candidate.n_parameters], net_dn).value for one in (solution, other)
+            fitted.candidate.curve(fitted.parameters[: fitted.candidate.n_parameters], net_dn).value
+            for fitted in (solution, other)
         )
         return after / before - 1
 
-    nodes = np.geomspace(float(solution.design.net_dn.min()), own.knots_dn[-1], _N_NODES)
+    nodes = np.geomspace(float(solution.design.net_dn.min()), candidate.knots_dn[-1], _N_NODES)
     # The responsivity is where it is.
     relative = (change(nodes) - change(solution.design.net_dn).mean()) * sqrt(1 - extra / drop)
     return (FitError("linearity", tuple(nodes.tolist()), tuple(relative.tolist())),)

@@ -121,14 +121,14 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     inside = within_patches(first, first.covariance)
     if p_value_of_chi_squared(inside, design.net_dn.size - len(design.patches)) < SMALL_P_VALUE:
         choices = [("scatter_rel", "scatter_each_rel"), ("scatter_rel", "scatter_each_dn")]
-    deviance, sizes = min((_estimate(first, kinds) for kinds in choices), key=lambda one: one[0])
+    deviance, sizes = min((_estimate(first, kinds) for kinds in choices), key=lambda estimate: estimate[0])
     of_rest, rest = _estimate(first, tuple(sizes)[1:])
     if of_rest - deviance < _WORTH and not by_place:
         sizes = rest
     if not sizes:
         return first
-    found: dict[str, Any] = {kind: Scatter(size, _dof(first, sizes, kind)) for kind, size in sizes.items()}
-    return solve(replace(design, **found), candidate)
+    scatter: dict[str, Any] = {kind: Scatter(size, _dof(first, sizes, kind)) for kind, size in sizes.items()}
+    return solve(replace(design, **scatter), candidate)
 
 
 def scatter_around_mean(values: Array, variances: Array) -> Scatter:
@@ -154,8 +154,8 @@ def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[
     def of_rest(size: float) -> tuple[float, dict[Kind, float]]:
         rest = dict.fromkeys(kinds[1:], size)
         likelihood = _Likelihood.of(solution.jacobian, solution.residual, covariance_with(solution, rest), pattern)
-        own = likelihood.best(unit) if kinds else 0.0
-        return likelihood.deviance(own), {kind: own, **rest} if kinds else {}
+        best = likelihood.best(unit) if kinds else 0.0
+        return likelihood.deviance(best), {kind: best, **rest} if kinds else {}
 
     if len(kinds) < 2:
         return of_rest(0.0)
@@ -217,9 +217,14 @@ def fit_dof(solution: Solution) -> float:
     design, row = solution.design, solution.gain[0]
     total = float(row @ solution.covariance @ row)
     scatter: dict[Kind, Scatter] = {kind: getattr(design, kind) for kind in get_args(Kind)}
-    parts = [(one.size**2 * float(row @ _pattern(solution, kind) @ row), one.dof) for kind, one in scatter.items()]
+    parts = [
+        (of_kind.size**2 * float(row @ _pattern(solution, kind) @ row), of_kind.dof)
+        for kind, of_kind in scatter.items()
+    ]
     for source in OF_FRAMES:
-        own = [one for one in design.shared if one.source == source]
-        variance = sum(float(row @ (one.relative * solution.level + one.dn * solution.slope)) ** 2 for one in own)
-        parts += [(variance, own[0].dof)] if own else []
+        errors = [error for error in design.shared if error.source == source]
+        variance = sum(
+            float(row @ (error.relative * solution.level + error.dn * solution.slope)) ** 2 for error in errors
+        )
+        parts += [(variance, errors[0].dof)] if errors else []
     return effective_dof([*parts, (max(total - sum(v for v, _ in parts), 0.0), inf)])

@@ -77,7 +77,7 @@ def weights_by_patch(solution: Solution) -> list[tuple[NDArray[np.intp], Array]]
     variance = variance + (design.patterns(solution.luminance, solution.slope) ** 2).sum(axis=0)
     inverse = 1 / np.maximum(variance, 1e-12 * solution.luminance**2)
     members = [np.flatnonzero(design.patch == patch) for patch in range(len(design.patches))]
-    return [(own, inverse[own] / inverse[own].sum()) for own in members]
+    return [(of_patch, inverse[of_patch] / inverse[of_patch].sum()) for of_patch in members]
 
 
 def seen_cd_m2(solution: Solution) -> Array:

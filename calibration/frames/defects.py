@@ -67,8 +67,8 @@ class DefectMap(EqualByContent):
         """Pixels of both maps with the reasons of both; raises InputError if they are of different image sizes."""
         other.mask(self.image_shape)
         reasons = np.zeros(self.image_shape, dtype=np.uint8)
-        for one in (self, other):
-            reasons[one.rows, one.columns] |= one.reasons
+        for defects in (self, other):
+            reasons[defects.rows, defects.columns] |= defects.reasons
         return DefectMap.of(reasons)
 
     @lru_cache(maxsize=8)  # noqa: B019 - the few maps of a program, which each frame asks for

@@ -291,7 +291,7 @@ def measure_planes(
             pixels = frame if plane is None else split_frame[plane]
             state = CameraState.of(pixels)
             if plane not in sums:
-                parts = regions if plane is None or regions is None else [plane_region(one) for one in regions]
+                parts = regions if plane is None or regions is None else [plane_region(region) for region in regions]
                 states[plane] = state
                 sums[plane] = _sums(state, frame.exposure_s, parts, defects.get(plane))
             states[plane].require(state, "the first frame", f"frame {frame.frame_id}")

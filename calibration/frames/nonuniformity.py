@@ -223,4 +223,4 @@ def vignetting_errors(
     """
     if not isinstance(vignetting, Cos4Vignetting | RadialVignetting):
         return np.zeros((0, len(centres_px)))
-    return -np.array([vignetting.common_errors_at(shape, place) for place in centres_px]).T.reshape(-1, len(centres_px))
+    return -np.array([vignetting.common_errors_at(shape, at_px) for at_px in centres_px]).T.reshape(-1, len(centres_px))

@@ -95,7 +95,7 @@ class CameraState:
         CalibrationError
             If they differ; the message names the first difference.
         """
-        allowed_db, found = (self.gain_db, *gains_db), f"{other.gain_db:g} dB"
+        allowed_db, gain = (self.gain_db, *gains_db), f"{other.gain_db:g} dB"
         for name, expected, theirs_is in (
             ("camera", str(self.camera), str(other.camera)),
             ("pixel format", self.pixel_format, other.pixel_format),
@@ -103,7 +103,7 @@ class CameraState:
             ("bit depth", self.bit_depth, other.bit_depth),
             ("image size", _size(self.image_shape), _size(other.image_shape)),
             *Readout.compared(self.readout, other.readout),
-            ("gain", found if other.has_gain(*allowed_db) else " or ".join(f"{db:g} dB" for db in allowed_db), found),
+            ("gain", gain if other.has_gain(*allowed_db) else " or ".join(f"{db:g} dB" for db in allowed_db), gain),
             ("saturation", f"{self.saturation_dn:g} DN", f"{other.saturation_dn:g} DN"),
             ("black level", *_where_known(self.black_level, other.black_level)),
         ):
@@ -213,11 +213,13 @@ class PatchObservation(Observation):
 
     def with_vignetting(self, vignetting: AnyVignetting | None) -> PatchObservation:
         """Return the same with another vignetting, where that differs only by what patches have shown of it."""
-        own = self.vignetting
-        if own == vignetting or not (isinstance(vignetting, Cos4Vignetting) and vignetting.is_but_for_corners(own)):
+        before = self.vignetting
+        if before == vignetting or not (
+            isinstance(vignetting, Cos4Vignetting) and vignetting.is_but_for_corners(before)
+        ):
             return self
-        assert isinstance(own, Cos4Vignetting)
-        factor = 1 / vignetting.more_than(own, self.state.image_shape, self.centre_px)
+        assert isinstance(before, Cos4Vignetting)
+        factor = 1 / vignetting.more_than(before, self.state.image_shape, self.centre_px)
         return replace(
             self,
             mean_dn=factor * self.mean_dn,
@@ -308,9 +310,9 @@ class DarkObservation(Observation):
         return max(self.mean_noise_dn2, self.frame_means_variance_dn2) / self.n_frames + self.rounding_dn2
 
 
-def _where_known(expected: object, found: object) -> tuple[str, str]:
+def _where_known(expected: object, actual: object) -> tuple[str, str]:
     """Texts to compare: equal if either is unknown."""
-    return ("", "") if expected is None or found is None else (_text(expected), _text(found))
+    return ("", "") if expected is None or actual is None else (_text(expected), _text(actual))
 
 
 def _text(value: object) -> str:

@@ -98,37 +98,37 @@ def patch_observations(
 
 
 def _patch_observation(
-    one: MeasuredFrames, vignetting: AnyVignetting | None, pattern_dn: Array | None, field_px: float | None
+    measured: MeasuredFrames, vignetting: AnyVignetting | None, pattern_dn: Array | None, field_px: float | None
 ) -> PatchObservation:
-    assert one.region is not None
+    assert measured.region is not None
     # Saturated frames are identical, and an import keeps one of identical pictures.
-    _require_enough(one, single_too=one.saturated_share > MAX_CLIPPED_SHARE)
-    factor = np.ones(one.n_pixels)
+    _require_enough(measured, single_too=measured.saturated_share > MAX_CLIPPED_SHARE)
+    factor = np.ones(measured.n_pixels)
     if vignetting is not None:
-        factor = 1 / illuminance_in(vignetting, one.state.image_shape, one.window)[one.used]
-    values = _without(one, None if pattern_dn is None else pattern_dn[one.window]) * factor
-    away = _away(one)
+        factor = 1 / illuminance_in(vignetting, measured.state.image_shape, measured.window)[measured.used]
+    values = _without(measured, None if pattern_dn is None else pattern_dn[measured.window]) * factor
+    away = _away(measured)
     in_field = _within(away, 1 / 3) if field_px is None else np.hypot(*away) <= field_px / 2
     return PatchObservation(
-        **(_common(one) | {"mean_dn": float(values.mean())}),
-        patch=one.region.name,
+        **(_common(measured) | {"mean_dn": float(values.mean())}),
+        patch=measured.region.name,
         mean_inverse_v=float(factor.mean()),
-        nonuniformity=nonuniformity(values, factor, one.used),
+        nonuniformity=nonuniformity(values, factor, measured.used),
         vignetting=vignetting,
-        centre_px=one.region.centre,
-        n_lines=one.n_lines,
-        recorded=one.recorded,
+        centre_px=measured.region.centre,
+        n_lines=measured.n_lines,
+        recorded=measured.recorded,
         middle=_part(values, factor, in_field, field_px is not None),
         inside=_part(values, factor, _within(away, _INSIDE)),
     )
 
 
-def _away(one: MeasuredFrames) -> Array:
+def _away(measured: MeasuredFrames) -> Array:
     """Distances of a region's pixels from its middle, x and y, shape (2, n)."""
-    assert one.region is not None
-    rows, columns = np.nonzero(one.used)
-    top, left = (part.start for part in one.window)
-    x, y = one.region.centre
+    assert measured.region is not None
+    rows, columns = np.nonzero(measured.used)
+    top, left = (part.start for part in measured.window)
+    x, y = measured.region.centre
     return np.stack([columns + left + 0.5 - x, rows + top + 0.5 - y])
 
 
@@ -206,7 +206,7 @@ def dark_observation(measured: MeasuredFrames, dark_library: DarkPattern | None 
 
 def _common(measured: MeasuredFrames) -> dict[str, Any]:
     """Return what `Observation` has, by its names."""
-    return {one.name: getattr(measured, one.name) for one in fields(Observation)}
+    return {field.name: getattr(measured, field.name) for field in fields(Observation)}
 
 
 def _pattern(measured: MeasuredFrames, dark_library: DarkPattern | None) -> Array | None:
@@ -222,12 +222,12 @@ def _without(s: MeasuredFrames, pattern_dn: Array | None) -> NDArray[np.float64]
     return values if pattern_dn is None else values - pattern_dn[s.used]
 
 
-def _require_enough(one: MeasuredFrames, *, single_too: bool = False) -> None:
-    name = "whole sensor" if one.region is None else one.region.name
-    if one.n_pixels < MIN_PIXELS:
-        raise CalibrationError(f"region {name!r} holds {one.n_pixels} pixels: make it at least {MIN_PIXELS}")
-    if one.n_frames < MIN_FRAMES and not single_too:
+def _require_enough(measured: MeasuredFrames, *, single_too: bool = False) -> None:
+    name = "whole sensor" if measured.region is None else measured.region.name
+    if measured.n_pixels < MIN_PIXELS:
+        raise CalibrationError(f"region {name!r} holds {measured.n_pixels} pixels: make it at least {MIN_PIXELS}")
+    if measured.n_frames < MIN_FRAMES and not single_too:
         raise CalibrationError(
-            f"region {name!r} was given {one.n_frames} frame at {exposure_text(one.exposure_s)}: take at least "
-            f"{MIN_FRAMES} of each exposure, noise is measured from their difference"
+            f"region {name!r} was given {measured.n_frames} frame at {exposure_text(measured.exposure_s)}: take at "
+            f"least {MIN_FRAMES} of each exposure, noise is measured from their difference"
         )

@@ -116,8 +116,8 @@ def variance_before_rounding(rounded_dn2: float) -> Range:
     """
     least, largest = _variance_bounds()
     if rounded_dn2 >= least[-1]:
-        own = rounded_dn2 - ROUNDING_DN2
-        return Range(own, own)
+        unrounded_dn2 = rounded_dn2 - ROUNDING_DN2
+        return Range(unrounded_dn2, unrounded_dn2)
     in_the_middle = float(np.interp(rounded_dn2 + _TINY_DN2, least, _DEVIATIONS_DN))
     on_the_step = float(np.interp(rounded_dn2 - _TINY_DN2, largest, _DEVIATIONS_DN))
     return Range(on_the_step**2, in_the_middle**2)

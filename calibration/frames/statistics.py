@@ -51,7 +51,7 @@ class LineVariances:
 
 def lines_variance_dn2(deviations_dn: tuple[float, float], n_lines: tuple[float, float]) -> float:
     """Variance of a mean over numbers of columns and rows, by standard deviations of what each has in common."""
-    return sum(one**2 / n for one, n in zip(deviations_dn, n_lines, strict=True))
+    return sum(deviation_dn**2 / n for deviation_dn, n in zip(deviations_dn, n_lines, strict=True))
 
 
 @dataclass(frozen=True, eq=False)

@@ -62,8 +62,8 @@ def fit_curve(darks: Sequence[DarkObservation], warmer_c: Array, drift_dn: float
         rate_dn_s = max(abs(constant.intercept - darks[0].state.nominal_black_dn), DRIFT_DN) / t[0]
         error = rate_dn_s * np.array([-t[0], 1.0, 0.0])
         covariance = np.diag([constant.covariance[0, 0], 0.0, 0.0]) + np.outer(error, error)
-        found = [warning("dark-one-exposure", exposure_s=float(t[0]))]
-        return np.array([constant.intercept, 0.0, typical]), covariance, found
+        findings = [warning("dark-one-exposure", exposure_s=float(t[0]))]
+        return np.array([constant.intercept, 0.0, typical]), covariance, findings
     fitted = _with_temperature(t, warmer_c, y, u) if np.ptp(warmer_c) >= MIN_TEMPERATURE_SPAN_C else None
     if fitted is None:
         straight = line(t * 2 ** (warmer_c * typical), y, u)
@@ -125,7 +125,7 @@ def _contradictions(t: Array, residuals: Array, dof: int, points: tuple[Array, A
     if p_value >= SMALL_P_VALUE or largest_dn <= DRIFT_DN:
         return []
     # Exposure without which a line fits best; residuals are misleading at the ends of the range.
-    left = [line(*(np.delete(one, i) for one in points)).chi_squared for i in range(t.size)]
+    left = [line(*(np.delete(column, i) for column in points)).chi_squared for i in range(t.size)]
     return [warning("dark-contradicts", exposure_s=float(t[int(np.argmin(left))]), deviation_dn=largest_dn)]
 
 
@@ -193,9 +193,9 @@ def black_level_drift(darks: Sequence[DarkObservation]) -> tuple[float, int]:
 
 def mean_uncertainties_dn(darks: Sequence[DarkObservation], drift_dn: float) -> Array:
     """Return the standard uncertainties of means by noise, drift of the black level and rounding."""
-    own = [(d.mean_noise_dn2 + drift_dn**2) / d.n_frames + d.rounding_dn2 for d in darks]
+    variances = [(d.mean_noise_dn2 + drift_dn**2) / d.n_frames + d.rounding_dn2 for d in darks]
     # Frames without noise still need a weight; the floor is far below any real uncertainty.
-    return np.sqrt(np.maximum(own, 1e-12))
+    return np.sqrt(np.maximum(variances, 1e-12))
 
 
 def noise_line(darks: Sequence[DarkObservation], growth: Array) -> Line:
@@ -212,5 +212,5 @@ def noise_line(darks: Sequence[DarkObservation], growth: Array) -> Line:
 def variance_uncertainties_dn2(darks: Sequence[DarkObservation]) -> Array:
     """Return the uncertainties of normal variances, of rounding at least, with what rounding may have changed."""
     variances = [d.temporal_variance_dn2 for d in darks]
-    own = [max(v, ROUNDING_DN2) * sqrt(2 / d.dof) for v, d in zip(variances, darks, strict=True)]
-    return np.hypot(own, [variance_before_rounding(v).error_of(v - ROUNDING_DN2) for v in variances])
+    by_frames = [max(v, ROUNDING_DN2) * sqrt(2 / d.dof) for v, d in zip(variances, darks, strict=True)]
+    return np.hypot(by_frames, [variance_before_rounding(v).error_of(v - ROUNDING_DN2) for v in variances])

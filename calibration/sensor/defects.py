@@ -149,8 +149,8 @@ def _not_radial(flattened: Array) -> list[Finding]:
     spread = float(np.ptp(smooth))
     if spread <= 2 * _NOT_RADIAL_REL:
         return []
-    place = np.unravel_index(int(np.argmax(np.abs(smooth - np.median(smooth)))), smooth.shape)
-    row, column = (3 * int(at) // n for at, n in zip(place, smooth.shape, strict=True))
+    position = np.unravel_index(int(np.argmax(np.abs(smooth - np.median(smooth)))), smooth.shape)
+    row, column = (3 * int(at) // n for at, n in zip(position, smooth.shape, strict=True))
     where = f"{('top', 'middle', 'bottom')[row]} {('left', 'middle', 'right')[column]}"
     return [warning("flat-not-radial", change_rel=spread, where=where)]
 

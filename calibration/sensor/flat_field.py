@@ -98,8 +98,8 @@ def measure_vignetting(
     radial, not_radial_rel = _fit_radial(relative, pixel_rel, source_nonuniformity_rel)
     shape = "flat-field-for-shape" if not_radial_rel > random_rel else "flat-field-radial"
     code = "flat-field-for-pixels" if prnu_rel > random_rel else shape
-    found = {"prnu_rel": prnu_rel, "not_radial_rel": not_radial_rel, "noise_rel": random_rel}
-    findings = info(code, **found, n_frames=n_frames), *structure_findings(relative, radial, pixel_rel)
+    sizes = {"prnu_rel": prnu_rel, "not_radial_rel": not_radial_rel, "noise_rel": random_rel}
+    findings = info(code, **sizes, n_frames=n_frames), *structure_findings(relative, radial, pixel_rel)
     return MeasuredVignetting(flat, radial, radial if code == "flat-field-radial" else flat, findings)
 
 
@@ -138,18 +138,18 @@ def _signals(
 def _averaged(signals: Iterable[_Signal]) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Noise-weighted mean of the exposures at the level of the first usable one, its variance, and what is unknown."""
     every = [*signals]
-    usable = [one for one in every if one.clipped.mean() < 1]
+    usable = [group for group in every if group.clipped.mean() < 1]
     total, weight = np.zeros((2, *every[0].net.shape))
-    for one in usable:
-        both = ~(usable[0].clipped | one.clipped)
+    for group in usable:
+        both = ~(usable[0].clipped | group.clipped)
         if not both.any():
             continue
         # Ratio of medians over the same pixels, so that clipped pixels of one do not shift it.
-        scale = float(np.median(one.net[both]) / np.median(usable[0].net[both]))
+        scale = float(np.median(group.net[both]) / np.median(usable[0].net[both]))
         if not scale > 0:
             raise CalibrationError("light frames are not brighter than the dark ones: take frames of a uniform source")
-        w = np.where(one.clipped, 0.0, scale**2 / one.variance)
-        total += w * one.net / scale
+        w = np.where(group.clipped, 0.0, scale**2 / group.variance)
+        total += w * group.net / scale
         weight += w
     unknown = weight == 0
     weight[unknown] = 1.0

@@ -97,7 +97,7 @@ class TemporalNoise:
 
     def flicker_at(self, exposure_s: float) -> tuple[float, int]:
         """Return the flicker and its degrees of freedom at an exposure, or at that which is nearest to it."""
-        nearest = min(self.flickers, key=lambda one: abs(log(one[0] / exposure_s)), default=None)
+        nearest = min(self.flickers, key=lambda flicker: abs(log(flicker[0] / exposure_s)), default=None)
         return (self.flicker_rel, self.flicker_dof) if nearest is None else nearest[1:]
 
     def covers(self, net_dn: float) -> bool:
@@ -316,9 +316,9 @@ def _before_tone(net_dn: Array, variance_dn2: Array, dof: Array, tone: Response)
     fitted_dn2 = variance_dn2
     for _ in range(_TONE_ROUNDS):
         weight = np.sqrt(dof) / np.maximum(fitted_dn2, ROUNDING_DN2)
-        found, _ = nnls(weight[:, None] * design, weight * np.maximum(variance_dn2 - ROUNDING_DN2, 0))
-        fitted_dn2 = design @ found + ROUNDING_DN2
-    return float(found[0]), sqrt(float(found[1]))
+        coefficients, _ = nnls(weight[:, None] * design, weight * np.maximum(variance_dn2 - ROUNDING_DN2, 0))
+        fitted_dn2 = design @ coefficients + ROUNDING_DN2
+    return float(coefficients[0]), sqrt(float(coefficients[1]))
 
 
 def slope_through_origin(x: Array, y: Array, u: Array, weighted: bool = False) -> Quantity:
@@ -361,12 +361,12 @@ def weighted_gain(
     dof, dark_dof : ndarray of float, shape (n,)
         Degrees of freedom of both.
     """
-    found = Quantity(float(excess_dn2.sum() / net_dn.sum()), 0.0)
+    k = Quantity(float(excess_dn2.sum() / net_dn.sum()), 0.0)
     for _ in range(_ROUNDS):
-        light_dn2 = max(found.value, 0.0) * net_dn + dark_dn2
+        light_dn2 = max(k.value, 0.0) * net_dn + dark_dn2
         u = np.sqrt(2 * (light_dn2**2 / dof + dark_dn2**2 / dark_dof)) + 1e-12
-        found = slope_through_origin(net_dn, excess_dn2, u, weighted=True)
-    return found
+        k = slope_through_origin(net_dn, excess_dn2, u, weighted=True)
+    return k
 
 
 @dataclass(frozen=True)

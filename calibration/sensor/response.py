@@ -260,18 +260,18 @@ def _debevec(net_dn: _Array, exposures_s: Sequence[float], limits: tuple[float, 
     inside &= np.count_nonzero(inside, axis=0) > 1
     i, j = np.nonzero(inside)
     groups, j = np.unique(j, return_inverse=True)
-    place = (np.log(net_dn[inside]) - low) / (high - low) * (_KNOTS - 1)
-    left = np.minimum(place.astype(int), _KNOTS - 2)
-    rows = np.arange(place.size)
-    design = np.zeros((place.size + _KNOTS - 1, _KNOTS + groups.size))
-    design[rows, left], design[rows, left + 1] = left + 1 - place, place - left
+    knot = (np.log(net_dn[inside]) - low) / (high - low) * (_KNOTS - 1)
+    left = np.minimum(knot.astype(int), _KNOTS - 2)
+    rows = np.arange(knot.size)
+    design = np.zeros((knot.size + _KNOTS - 1, _KNOTS + groups.size))
+    design[rows, left], design[rows, left + 1] = left + 1 - knot, knot - left
     design[rows, _KNOTS + j] = -1.0
     wanted = np.zeros(len(design))
     wanted[rows] = np.log(exposures_s)[i]
-    weight = np.maximum(1 - np.abs(2 * place / (_KNOTS - 1) - 1), _LEAST_WEIGHT)
+    weight = np.maximum(1 - np.abs(2 * knot / (_KNOTS - 1) - 1), _LEAST_WEIGHT)
     design[rows] *= weight[:, None]
     wanted[rows] *= weight
-    design[place.size : -1, :_KNOTS] = _SMOOTHNESS * np.diff(np.eye(_KNOTS), 2, axis=0)
+    design[knot.size : -1, :_KNOTS] = _SMOOTHNESS * np.diff(np.eye(_KNOTS), 2, axis=0)
     design[-1, _KNOTS // 2] = 1.0  # the scale is free
     curve = np.linalg.lstsq(design, wanted)[0][:_KNOTS]
     knots = np.exp(np.linspace(low, high, _KNOTS))

@@ -15,7 +15,7 @@ def verification_findings(result: Verification) -> tuple[Finding, ...]:
 
 
 def _verdict(result: Verification) -> Finding:
-    bad, open_ = ([row for row in result.patches if row.verdict == one] for one in ("not conform", "undecided"))
+    bad, open_ = ([row for row in result.patches if row.verdict == verdict] for verdict in ("not conform", "undecided"))
     wide = all(row.guard_rel > row.tolerance_rel for row in open_)
     for holds, rows, code in (
         (bad, bad, "verification-not-conform"),
@@ -75,9 +75,9 @@ def _dark(result: Verification) -> Finding:
 def _balance(result: Verification) -> list[Finding]:
     if len(result.planes) == 1:
         return []
-    if all(one.balance_rel is None for one in result.planes):
+    if all(plane.balance_rel is None for plane in result.planes):
         return [warning("colour-balance-unknown")]
-    worst = max(result.planes, key=lambda one: one.balance_excess_rel)
+    worst = max(result.planes, key=lambda plane: plane.balance_excess_rel)
     if worst.balance_excess_rel == 0:
         return [info("colour-balance-kept")]
     change, expanded = worst.balance_rel, worst.balance_expanded_rel

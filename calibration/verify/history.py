@@ -101,7 +101,7 @@ class CameraHistory:
         """Number of measurements: calibrations with the same last reading or frames are one, whatever their fit."""
         first: list[HistoryPoint] = []
         for point in self.points:
-            if not any(point.is_measured_with(one) for one in first):
+            if not any(point.is_measured_with(earlier) for earlier in first):
                 first.append(point)
         return len(first)
 
@@ -136,17 +136,17 @@ def histories(
         In the order of cameras, lenses, settings and planes.
     """
     groups: dict[tuple[str | int, ...], tuple[CameraState, LensIdentity, list[HistoryPoint]]] = {}
-    found = [
+    points = [
         (plane.state, plane.lens, _calibration_point(source, plane, weight if plane.state.plane else None))
         for source, c in calibrations.items()
         for plane, weight in zip(c.planes, c.weights, strict=True)
     ]
-    found += [
+    points += [
         (replace(v.state, plane=plane.plane), v.lens, _verification_point(source, v, plane))
         for source, v in verifications.items()
         for plane in v.planes
     ]
-    for state, lens, point in found:
+    for state, lens, point in points:
         order = PLANES.index(state.plane) if state.plane else -1
         key = (str(state.camera), repr(lens), f"{state.gain_db:g}", state.pixel_format, order)
         groups.setdefault(key, (state, lens, []))[2].append(point)
@@ -169,9 +169,9 @@ def _calibration_point(source: str, calibration: Calibration, weight: float | No
 
 
 def _verification_point(source: str, verification: Verification, plane: VerifiedPlane) -> HistoryPoint:
-    found, responsivity = plane.drift, None
-    if found is not None:
-        responsivity = found.responsivity_dn_s_cd_m2, found.responsivity_own_rel, found.responsivity_expanded_rel
+    drift, responsivity = plane.drift, None
+    if drift is not None:
+        responsivity = drift.responsivity_dn_s_cd_m2, drift.responsivity_own_rel, drift.responsivity_expanded_rel
     measured, meter, verdict = verification.measured, verification.meter, verification.verdict
     frames = frozenset(verification.frames_sha256)
     return HistoryPoint(source, measured, responsivity, plane.dark, meter, verdict=verdict, frames_sha256=frames)

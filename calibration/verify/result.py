@@ -241,7 +241,7 @@ class Verification:
     @property
     def balance_not_conform(self) -> bool:
         """Whether a coloured patch may be wrong by more than the tolerance."""
-        return sum(abs(one.share) * one.balance_excess_rel for one in self.planes) > self.tolerance_rel
+        return sum(abs(plane.share) * plane.balance_excess_rel for plane in self.planes) > self.tolerance_rel
 
 
 def _effect(rows: Sequence[VerifiedDark]) -> tuple[float, float]:

@@ -344,7 +344,8 @@ def _planes(
 ) -> tuple[VerifiedPlane, ...]:
     """Each plane with its change against the meter, and its deviation from all planes together, by grey patches."""
     planes = [
-        VerifiedPlane(one.state.plane, _dark(one, darks.get(one.state.plane, ())), None) for one in calibration.planes
+        VerifiedPlane(plane.state.plane, _dark(plane, darks.get(plane.state.plane, ())), None)
+        for plane in calibration.planes
     ]
     if isinstance(calibration, Calibration):
         return (replace(planes[0], drift=comparison.drift(calibration)),)
@@ -355,21 +356,21 @@ def _planes(
     if not seen:
         return tuple(planes)
     by_plane, weights = list(zip(*seen, strict=True)), np.array(calibration.weights)
-    luminance = np.array([[one.luminance_cd_m2 for one in of_plane] for of_plane in by_plane])
+    luminance = np.array([[patch.luminance_cd_m2 for patch in of_plane] for of_plane in by_plane])
     shares = weights[:, None] * luminance
     shares = (shares / shares.sum(axis=0)).mean(axis=1)
     balance = (luminance / (weights @ luminance) - 1).mean(axis=1)
-    errors = np.array([_own_rel(plane, own) for plane, own in zip(calibration.planes, by_plane, strict=True)])
+    errors = np.array([_own_rel(plane, patches) for plane, patches in zip(calibration.planes, by_plane, strict=True)])
     u = np.sqrt(np.square(np.eye(len(planes)) - shares) @ np.square(errors))
     return tuple(
         replace(
-            one,
-            drift=replace(comparison, seen=own).drift(plane),
+            verified,
+            drift=replace(comparison, seen=patches).drift(plane),
             balance_rel=float(balance[n]),
             balance_expanded_rel=expanded_half_width(0.0, float(u[n])),
             share=float(shares[n]),
         )
-        for n, (one, plane, own) in enumerate(zip(planes, calibration.planes, by_plane, strict=True))
+        for n, (verified, plane, patches) in enumerate(zip(planes, calibration.planes, by_plane, strict=True))
     )
 
 

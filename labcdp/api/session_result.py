@@ -75,11 +75,11 @@ class SessionResult:
     def to_dataset(self) -> Dataset:
         """Return a dataset: luminances over patch; CDP over pair and contrast, nan where not requested."""
         evaluation = self.evaluation
-        pairs = list(dict.fromkeys((row.asked.bright, row.asked.dark) for row in evaluation.contrasts))
+        pairs = list(dict.fromkeys((row.target.bright, row.target.dark) for row in evaluation.contrasts))
         contrasts = sorted({row.cdp.contrast for row in evaluation.contrasts})
         table: list[list[Any]] = [[None for _ in contrasts] for _ in pairs]
         for row in evaluation.contrasts:
-            table[pairs.index((row.asked.bright, row.asked.dark))][contrasts.index(row.cdp.contrast)] = row
+            table[pairs.index((row.target.bright, row.target.dark))][contrasts.index(row.cdp.contrast)] = row
         data = {
             **variables_of(_OF_PATCH, ("patch",), evaluation.patches),
             **cdp_variables(("pair", "contrast"), [[row and row.cdp for row in rows] for rows in table]),

@@ -111,11 +111,11 @@ def test_a_session_a_picture_and_a_video_with_one_calibration_agree(recorded, ev
     files = {record.number: recorded.path / record.file.name for record in recorded.frames()}
     for row in evaluation.contrasts:
         rois, file = (row.bright.region, row.dark.region), files[row.frame_number]
-        (asked,) = picture_of(file, rois, (row.asked.contrast,), calibration, epsilon=row.asked.epsilon).cdp
+        (asked,) = picture_of(file, rois, (row.target.contrast,), calibration, epsilon=row.target.epsilon).cdp
         assert asked.cdp == row.cdp.cdp
         assert asked.u == pytest.approx(row.cdp.u, rel=1e-6)
         assert asked.interval == pytest.approx(row.cdp.interval, rel=1e-6)
-        folder = tmp_path / f"{row.asked.bright}-{row.asked.dark}"
+        folder = tmp_path / f"{row.target.bright}-{row.target.dark}"
         folder.mkdir()
         shutil.copy(file, folder / "frame.tif")
         assert_same_as_video(picture_of(file, rois, calibration=calibration), folder, rois, calibration=calibration)

@@ -122,11 +122,11 @@ def _residuals(calibration: AnyCalibration, prefix: str) -> ReportFigure:
     figure = _figure(calibration, 10.0, 6.4)
     margins = {"left": 0.07, "right": 0.985, "bottom": 0.08, "top": 0.95, "wspace": 0.08, "hspace": 0.26}
     panels = figure.subplots(2, 2, sharey=True, gridspec_kw=margins).ravel()
-    for axes, (name, (place, end)) in zip(panels, places.items(), strict=True):
+    for axes, (name, (coordinate, end)) in zip(panels, places.items(), strict=True):
         axes.axhline(0.0, color=BLUE, linewidth=1.2)
         for rows, colour, face, label in groups:
             if rows:
-                points = [place(row) for row in rows], [100 * row.residual_rel for row in rows]
+                points = [coordinate(row) for row in rows], [100 * row.residual_rel for row in rows]
                 bars = [100 * Z_95 * (row.stated_rel or row.reading_random_cd_m2 / row.reading_cd_m2) for row in rows]
                 named = label if axes is panels[0] and calibration.held_out else None
                 axes.errorbar(*points, bars, markerfacecolor=face, color=colour, label=named, **_BARS)

@@ -186,28 +186,34 @@ def lens_text(lens: LensIdentity | LensConfiguration) -> str:
 
 def traceability(scale: MeterScale, measured: datetime) -> str:
     """Return what the luminances of a time are traceable to, and whether mismatch and drift of the meter count."""
-    one, mismatch = scale.certificate, ""
+    certificate, mismatch = scale.certificate, ""
     if scale.mismatch_rel:
         mismatch = f"; f1' {100 * (scale.f1_prime or 0.0):g} % counts as mismatch in {scale.light} light"
     elif scale.f1_prime is None and not scale.in_own_light:
         mismatch = f"; mismatch of the meter in {scale.light} light not stated and not included"
-    if one is None:
+    if certificate is None:
         return (
             f"none stated: accuracy of the data sheet, ± {100 * scale.limits_rel:g} % (limits, rectangular){mismatch}"
         )
-    due = "" if one.due_date is None else f", due {one.due_date}"
-    dof = "" if one.degrees_of_freedom is None else f", {one.degrees_of_freedom:g} degrees of freedom"
-    factor = f"correction {one.correction:g}" if one.correction != 1 else "no correction"
-    conditions = f"; {one.conditions}" if one.conditions else ""
-    of_meter = f", of {' '.join(part for part in (one.model, one.serial) if part)}" if one.model or one.serial else ""
-    limits = "" if one.range_cd_m2 is None else ", {:g} to {:g} cd/m²".format(*one.range_cd_m2)
-    days = (measured.date() - one.date).days
-    drift = f"± {percent(scale.drift_rel, 2)} (limits)" if one.drift_rel_per_year else "not stated and not included"
+    due = "" if certificate.due_date is None else f", due {certificate.due_date}"
+    dof = "" if certificate.degrees_of_freedom is None else f", {certificate.degrees_of_freedom:g} degrees of freedom"
+    factor = f"correction {certificate.correction:g}" if certificate.correction != 1 else "no correction"
+    conditions = f"; {certificate.conditions}" if certificate.conditions else ""
+    of_meter = (
+        f", of {' '.join(part for part in (certificate.model, certificate.serial) if part)}"
+        if certificate.model or certificate.serial
+        else ""
+    )
+    limits = "" if certificate.range_cd_m2 is None else ", {:g} to {:g} cd/m²".format(*certificate.range_cd_m2)
+    days = (measured.date() - certificate.date).days
+    drift = (
+        f"± {percent(scale.drift_rel, 2)} (limits)" if certificate.drift_rel_per_year else "not stated and not included"
+    )
     since = f"; readings {abs(days)} days {'later' if days >= 0 else 'earlier, values as found'}, drift since {drift}"
     return (
-        f"certificate {one.number} of {one.laboratory}, {one.date}{due}: {factor}, U = "
-        f"{100 * one.expanded_uncertainty_rel:g} % (k = {one.coverage_factor:g}{dof}), illuminant {one.illuminant}"
-        f"{of_meter}{limits}{conditions}{since}{mismatch}"
+        f"certificate {certificate.number} of {certificate.laboratory}, {certificate.date}{due}: {factor}, U = "
+        f"{100 * certificate.expanded_uncertainty_rel:g} % (k = {certificate.coverage_factor:g}{dof}), illuminant "
+        f"{certificate.illuminant}{of_meter}{limits}{conditions}{since}{mismatch}"
     )
 
 

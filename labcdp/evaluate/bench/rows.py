@@ -111,7 +111,7 @@ def _bound(observed: ObservedSession, calibration: AnyCalibration, name: str) ->
     for plane in calibration.planes:
         seen = observed.patches_by_plane[plane.state.plane][name]
         kept, left_out, _ = usable([o.saturating_at(plane.state.saturation_dn) for o in seen], plane.settings)
-        reasons |= set() if kept else {one.reason for one in left_out}
+        reasons |= set() if kept else {left.reason for left in left_out}
     return "" if not reasons else ">" if reasons == {"saturated"} else "?"
 
 
@@ -124,10 +124,10 @@ def _bounded(
         shortest_s = min(o.exposure_s for o in observed.observations(name))
         record = frames_showing(observed.session, shortest_s, [name])[name]
         at_least = evaluate_region(frame_maps(observed, calibration)(record), patch.region()).mean
-        found = warning("patch-saturated-everywhere", name, luminance_cd_m2=at_least, exposure_s=shortest_s)
+        finding = warning("patch-saturated-everywhere", name, luminance_cd_m2=at_least, exposure_s=shortest_s)
     else:
-        found = warning("patch-not-seen", name)
-    return PatchLuminance(name, at_least, nan, (), (), (found,))
+        finding = warning("patch-not-seen", name)
+    return PatchLuminance(name, at_least, nan, (), (), (finding,))
 
 
 def read_patch(observed: ObservedSession, name: str) -> PatchReading:
@@ -169,7 +169,7 @@ class ContrastRow:
 
     Parameters
     ----------
-    asked : ContrastConfiguration
+    target : ContrastConfiguration
         Names of the patches, and what counts as detected.
     bright, dark : PatchRow
         The patches; the scale errors of meter and fit cancel in their contrasts.
@@ -186,7 +186,7 @@ class ContrastRow:
         On single saturated pixels in that frame; what is said of a whole patch is with the patch.
     """
 
-    asked: ContrastConfiguration
+    target: ContrastConfiguration
     bright: PatchRow
     dark: PatchRow
     cdp: Cdp[float]
@@ -205,7 +205,7 @@ class ContrastRow:
     @property
     def name(self) -> str:
         """Names of both patches."""
-        return f"{self.asked.bright} / {self.asked.dark}"
+        return f"{self.target.bright} / {self.target.dark}"
 
     @property
     def measured_contrast(self) -> float:
@@ -225,7 +225,7 @@ class ContrastRow:
     @property
     def verdict(self) -> Verdict:
         """Whether the contrast is detected: undecided if the interval of the CDP includes the limit."""
-        return cdp_verdict(self.cdp.cdp, self.cdp.interval, self.asked.cdp_limit)
+        return cdp_verdict(self.cdp.cdp, self.cdp.interval, self.target.cdp_limit)
 
 
 def contrast_row(

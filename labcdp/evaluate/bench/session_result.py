@@ -22,8 +22,8 @@ from .session import SessionEvaluation
 #: A contrast and its CDP: the columns of `ContrastRow`.
 CONTRASTS = (
     Column("pair", "bright / dark", value="name"),
-    Column("bright", "bright patch", shown=False, value="asked.bright"),
-    Column("dark", "dark patch", shown=False, value="asked.dark"),
+    Column("bright", "bright patch", shown=False, value="target.bright"),
+    Column("dark", "dark patch", shown=False, value="target.dark"),
     Column("target_contrast", "target contrast", "%", "Weber contrast to be detected.", 0, value="cdp.contrast"),
     Column("epsilon", "tolerance ε", "%", "Contrasts within the target contrast ± ε of it count.", 0,
            value="cdp.epsilon"),
@@ -49,7 +49,7 @@ CONTRASTS = (
            value="cdp.u"),
     Column("u_cdp_pixels", "u of CDP by pixels", "", "Standard uncertainty, pixels alone.", digits=2, shown=False,
            value="cdp.u_pixels"),
-    LIMIT.within("asked"),
+    LIMIT.within("target"),
     VERDICT,
     Column("below", "below", "", "Share of pixel pairs with a lower contrast.", decimals=4, value="cdp.below"),
     Column("above", "above", "", "Share of pixel pairs with a higher contrast.", decimals=4, value="cdp.above"),
@@ -188,8 +188,8 @@ def _distribution(contrasts: Sequence[ContrastRow]) -> Table:
     points = [
         (row, *point)
         for row in contrasts
-        if (found := row.distribution) is not None
-        for point in zip(found.edges.tolist(), found.cumulative.tolist(), strict=True)
+        if (distribution := row.distribution) is not None
+        for point in zip(distribution.edges.tolist(), distribution.cumulative.tolist(), strict=True)
     ]
     title = "Distribution of the contrasts of all pixel pairs"
     return Table.of_items("contrast_distribution", title, columns, points, detail=True)
@@ -226,7 +226,7 @@ def provenance_table(observed: ObservedSession, calibration: AnyCalibration, sim
 def _check(evaluation: SessionEvaluation) -> Finding:
     """Return whether the deviations between camera and meter are an independent check of the calibration."""
     calibration = evaluation.calibration
-    if any(one.code == "calibration-before-retake" for one in evaluation.findings):
+    if any(finding.code == "calibration-before-retake" for finding in evaluation.findings):
         return info("not-checked")
     if not calibration.provenance.comes_from(evaluation.observed.input_sha256):
         return info("checked-by-another-measurement", calibrated=day(calibration.provenance.measured))

@@ -44,7 +44,7 @@ def test_every_patch_lies_within_its_interval(evaluation):
 def test_a_contrast_is_that_of_the_longest_exposure_that_saturates_neither_patch(recorded, observed, evaluation):
     exposures = {frame.number: frame.exposure_s for frame in recorded.frames()}
     for row in evaluation.contrasts:
-        seen = [o for name in (row.asked.bright, row.asked.dark) for o in observed.patches[name]]
+        seen = [o for name in (row.target.bright, row.target.dark) for o in observed.patches[name]]
         saturated = {o.exposure_s for o in seen if o.saturated_share > 0}
         assert exposures[row.frame_number] == row.exposure_s == max({o.exposure_s for o in seen} - saturated)
 
@@ -213,8 +213,8 @@ def test_a_patch_that_is_saturated_at_every_exposure_has_a_bound(recorded, calib
     # A bound decides where it is above the limits.
     assert [rows[name].limit_verdict for name in limits] == ["undecided", "fail"]
     for row in found.contrasts:
-        saturated = row.asked.bright in bounded
-        assert row.bound == (">" if saturated and row.asked.dark not in bounded else "?" if saturated else "")
+        saturated = row.target.bright in bounded
+        assert row.bound == (">" if saturated and row.target.dark not in bounded else "?" if saturated else "")
         assert np.isnan(row.cdp.cdp) == saturated
         assert not saturated or row.verdict == "undecided"
         assert row.bound != ">" or row.camera_contrast < row.measured_contrast

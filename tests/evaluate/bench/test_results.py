@@ -113,8 +113,8 @@ def test_limits_of_cdp_and_luminance_decide_with_the_whole_interval(evaluated):
     contrast = next(row for row in evaluated.contrasts if 0.01 < row.cdp.cdp < 0.99)
     low, high = contrast.cdp.interval
     limits = {"detected": low / 2, "undecided": (low + high) / 2, "not detected": (1 + high) / 2}
-    asked = [contrast.asked.model_copy(update={"cdp_limit": limit}) for limit in limits.values()]
-    assert [replace(contrast, asked=one).verdict for one in asked] == list(limits)
+    asked = [contrast.target.model_copy(update={"cdp_limit": limit}) for limit in limits.values()]
+    assert [replace(contrast, target=one).verdict for one in asked] == list(limits)
     row, *others = evaluated.patches
     low, high = row.calibrated.interval_95_cd_m2
     middle = row.calibrated.luminance_cd_m2

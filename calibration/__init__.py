@@ -10,7 +10,7 @@ from .camera import common_errors
 from .colour.conversion import colour_patch_luminance
 from .colour.fit import fit_colour
 from .colour.model import AnyCalibration, ColourCalibration
-from .convert.patch import PatchLuminance, contrast_half_width_95, contrast_uncertainty, patch_luminance
+from .convert.patch import PatchLuminance, contrast_U, contrast_u, patch_luminance
 from .fit_records import ResponsivityFit
 from .frames.observations import CameraState, DarkObservation, PatchObservation
 from .frames.observe import observe_dark, observe_patches
@@ -42,8 +42,8 @@ __all__ = [
     "TemporalNoise",
     "colour_patch_luminance",
     "common_errors",
-    "contrast_half_width_95",
-    "contrast_uncertainty",
+    "contrast_U",
+    "contrast_u",
     "coverage_probability",
     "expanded_half_width",
     "fit",

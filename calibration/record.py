@@ -98,7 +98,7 @@ def calibration_sha256(path: str | Path) -> str:
 
 @dataclass(frozen=True)
 class SavedFile:
-    """What a saved calibration or verification is identified by on a certificate.
+    """Identity of a saved calibration or verification, for its certificate.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ def expanded_with_scales(scales: Sequence[MeterScale], parts: Sequence[Part]) ->
 
 
 class _Calibration(Protocol):
-    """What a calibration of any kind has."""
+    """Members of calibrations of any kind."""
 
     @property
     def lens(self) -> LensIdentity: ...

@@ -90,7 +90,7 @@ def expanded_uncertainty(parts: Iterable[tuple[float, float]], rectangular: Iter
     return expanded_half_width(sqrt(3) * largest, total * student_factor(effective_dof(normal)))
 
 
-def coverage_probability(half_width: float, rectangular_half_width: float, standard_uncertainty: float) -> float:
+def coverage_probability(half_width: float, limits: float, u: float) -> float:
     """Probability that a rectangular plus a normal error lies within +-`half_width`.
 
     With U uniform on +-a, N normal with standard deviation s, and G(z) = z Phi(z) + phi(z), the integral of the
@@ -102,9 +102,9 @@ def coverage_probability(half_width: float, rectangular_half_width: float, stand
     ----------
     half_width : float
         w, in the unit of the errors, at least 0.
-    rectangular_half_width : float
+    limits : float
         a, at least 0.
-    standard_uncertainty : float
+    u : float
         s, at least 0.
 
     Returns
@@ -118,7 +118,7 @@ def coverage_probability(half_width: float, rectangular_half_width: float, stand
     >>> round(coverage_probability(1.96, 0.0, 1.0), 3)
     0.95
     """
-    w, a, s = half_width, rectangular_half_width, standard_uncertainty
+    w, a, s = half_width, limits, u
     if s <= 1e-9 * a or s == 0:  # the normal part has vanished
         return 1.0 if w >= a else w / a
     if a <= 1e-6 * s:  # the rectangular part has; the difference below would lose its digits
@@ -127,7 +127,7 @@ def coverage_probability(half_width: float, rectangular_half_width: float, stand
     return min(max(2 * distribution - 1, 0.0), 1.0)
 
 
-def expanded_half_width(rectangular_half_width: float, standard_uncertainty: float) -> float:
+def expanded_half_width(limits: float, u: float) -> float:
     """Half-width w of the interval that contains U + N with a probability of 95 %; see `coverage_probability`.
 
     Two standard uncertainties would be too wide where the rectangular part dominates: 95 % of it lies within
@@ -135,7 +135,7 @@ def expanded_half_width(rectangular_half_width: float, standard_uncertainty: flo
 
     Parameters
     ----------
-    rectangular_half_width, standard_uncertainty : float
+    limits, u : float
         Of the rectangular part U and of the normal part N, in one unit, at least 0.
 
     Raises
@@ -150,18 +150,18 @@ def expanded_half_width(rectangular_half_width: float, standard_uncertainty: flo
     (1.96, 0.95)
     """
     for name, value in (
-        ("rectangular_half_width", rectangular_half_width),
-        ("standard_uncertainty", standard_uncertainty),
+        ("limits", limits),
+        ("u", u),
     ):
         if not (isfinite(value) and value >= 0):
             raise InputError(f"{name} is {value}: give a finite number of at least 0")
-    if rectangular_half_width == 0 and standard_uncertainty == 0:
+    if limits == 0 and u == 0:
         return 0.0
 
     from scipy.optimize import brentq
 
-    unit = max(rectangular_half_width, standard_uncertainty)
-    a, s = rectangular_half_width / unit, standard_uncertainty / unit
+    unit = max(limits, u)
+    a, s = limits / unit, u / unit
     widest = a + 10 * s  # leaves out less than 1e-22
     return unit * float(brentq(lambda w: coverage_probability(w, a, s) - COVERAGE, 0.0, widest, xtol=1e-12))
 

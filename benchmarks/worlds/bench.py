@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 import labcdp
-from labcdp.calibration import contrast_half_width_95
+from labcdp.calibration import contrast_U
 from labcdp.core.errors import LabcdpError
 
 from .camera import make_device
@@ -169,7 +169,7 @@ def _compared(
     true_cdp = cdp(pixels[0], pixels[1], pair.contrast, pair.epsilon)
     low, high = single.interval_95_cd_m2
     cdp_low, cdp_high = row.cdp.interval
-    of_contrast = contrast_half_width_95(row.bright.calibrated, row.dark.calibrated)
+    of_contrast = contrast_U(row.bright.calibrated, row.dark.calibrated)
     error = {
         "luminance": single.luminance_cd_m2 / truth_cd_m2 - 1,
         "contrast": (row.camera_contrast - pair.true_contrast) / (1 + pair.true_contrast),

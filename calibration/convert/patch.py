@@ -155,7 +155,7 @@ def is_within_response(calibration: CalibratedCamera, observation: PatchObservat
     return calibration.response.kind == "linear" or net_dn <= calibration.range_net_dn[1] * (1 + _RANGE_MARGIN)
 
 
-def contrast_uncertainty(bright: PatchLuminance, dark: PatchLuminance) -> float:
+def contrast_u(bright: PatchLuminance, dark: PatchLuminance) -> float:
     """Return the standard uncertainty of the Weber contrast K = L_bright / L_dark - 1 of two patches.
 
     u = (1 + K) sqrt(r_b^2 + r_d^2 + sum (c_b - c_d)^2) with the random parts r and the signed common parts c (JCGM
@@ -168,24 +168,24 @@ def contrast_uncertainty(bright: PatchLuminance, dark: PatchLuminance) -> float:
 
     Examples
     --------
-    >>> from labcdp.calibration import PatchLuminance, contrast_uncertainty
+    >>> from labcdp.calibration import PatchLuminance, contrast_u
     >>> bright = PatchLuminance("a", 20.0, random_rel=0.01, common=(), exposures_s=(0.01,), findings=())
     >>> dark = PatchLuminance("b", 10.0, random_rel=0.01, common=(), exposures_s=(0.01,), findings=())
-    >>> round(contrast_uncertainty(bright, dark), 4)
+    >>> round(contrast_u(bright, dark), 4)
     0.0283
     """
     return bright.luminance_cd_m2 / dark.luminance_cd_m2 * sqrt(sum(part for part, _ in _ratio_parts(bright, dark)))
 
 
-def contrast_half_width_95(bright: PatchLuminance, dark: PatchLuminance) -> float:
-    """Return the expanded uncertainty U (95 %) of the contrast, as `contrast_uncertainty` with Student's t.
+def contrast_U(bright: PatchLuminance, dark: PatchLuminance) -> float:  # noqa: N802 - the symbol of the GUM
+    """Return the expanded uncertainty U (95 %) of the contrast, as `contrast_u` with Student's t.
 
     Examples
     --------
-    >>> from labcdp.calibration import PatchLuminance, contrast_half_width_95
+    >>> from labcdp.calibration import PatchLuminance, contrast_U
     >>> bright = PatchLuminance("a", 20.0, random_rel=0.01, common=(), exposures_s=(0.01,), findings=())
     >>> dark = PatchLuminance("b", 10.0, random_rel=0.01, common=(), exposures_s=(0.01,), findings=())
-    >>> round(contrast_half_width_95(bright, dark), 4)
+    >>> round(contrast_U(bright, dark), 4)
     0.0554
     """
     return bright.luminance_cd_m2 / dark.luminance_cd_m2 * expanded_uncertainty(_ratio_parts(bright, dark))

@@ -140,15 +140,15 @@ class Deviations:
     def errors(self) -> dict[str, Quantity]:
         """Lowest and highest deviation (LE_min and LE_max of Release 3.1), and LE, the mean of the absolute ones."""
 
-        def of_one(i: int) -> Quantity:
+        def extreme(i: int) -> Quantity:
             note = self.note or f"at {self.net_dn[i]:.4g} DN above the dark signal; u by noise, black level and lamp"
             return Quantity(float(self.deviation_rel[i]), float(self.uncertainty_rel[i]), "1", note)
 
         mean = float(np.abs(self.deviation_rel).mean())
         u_mean = float(np.linalg.norm(self.uncertainty_rel)) / self.uncertainty_rel.size
         return {
-            "linearity_error_min_rel": of_one(int(np.argmin(self.deviation_rel))),
-            "linearity_error_max_rel": of_one(int(np.argmax(self.deviation_rel))),
+            "linearity_error_min_rel": extreme(int(np.argmin(self.deviation_rel))),
+            "linearity_error_max_rel": extreme(int(np.argmax(self.deviation_rel))),
             "linearity_error_rel": Quantity(mean, u_mean, "1", self.note or "mean of the absolute deviations"),
         }
 

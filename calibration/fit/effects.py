@@ -1,4 +1,4 @@
-"""What may move the observations beside the response: named effects, as columns of the fit."""
+"""Effects that may move the observations beside the response, by name, as columns of the fit."""
 
 from __future__ import annotations
 
@@ -74,28 +74,28 @@ class Effect:
 
     @property
     def name(self) -> str:
-        """What it is, in words."""
+        """Name in words."""
         return _NAMES[self.kind].format(self.subject)
 
     @property
-    def of_times(self) -> bool:
-        """Whether it is one of exposure times, which are corrected by it."""
+    def changes_times(self) -> bool:
+        """Whether it changes exposure times, which are corrected by it."""
         return self.kind in ("exposure offset", "exposure")
 
     def around(self, factor: Array) -> Effect:
         """Return the effect where exposure times are longer by a factor already, shape (n,)."""
-        if not self.of_times:
+        if not self.changes_times:
             return self
         return replace(self, errors=tuple(replace(e, relative=e.relative / factor) for e in self.errors))
 
     @property
     def what_tells(self) -> str:
-        """What would tell it from other effects, in words."""
+        """Measurement that would tell it from other effects, in words."""
         return _WHAT_TELLS[self.kind]
 
     @property
     def key(self) -> tuple[Kind, int]:
-        """What the same effect has in another design."""
+        """Kind and number, which the same effect has in every design."""
         return self.kind, self.number
 
     def columns(self, solution: Solution) -> Array:

@@ -42,7 +42,7 @@ def with_times(design: Design, fitted_effects: Iterable[FittedEffect]) -> tuple[
     CalibrationError
         If an exposure would last no time.
     """
-    fitted_effects = [fitted for fitted in fitted_effects if fitted.effect.of_times]
+    fitted_effects = [fitted for fitted in fitted_effects if fitted.effect.changes_times]
     times = ExposureTimes()
     errors = list(design.shared)
     factor = time_factor(design, fitted_effects)
@@ -58,7 +58,7 @@ def with_times(design: Design, fitted_effects: Iterable[FittedEffect]) -> tuple[
             exposure_s = float(design.exposures_s[fitted.effect.number])
             times = replace(times, deviations=(*times.deviations, (exposure_s, value, uncertainty / (1 + value))))
             errors.append(SharedError(EXPOSURE_TIME, relative))
-        if any(rival.effect.of_times for rival in fitted.rivals):
+        if any(rival.effect.changes_times for rival in fitted.rivals):
             # None or all of it is an error of the responsivity, with equal probabilities.
             without = time_factor(design, [other for other in fitted_effects if other is not fitted])
             either_rel = float(np.ptp(np.log(factor / without))) / sqrt(2)

@@ -69,7 +69,7 @@ class Solution:
 
     @property
     def level(self) -> Array:
-        """What relative errors are relative to, shape (n,); see `Design.level`."""
+        """Luminances that relative errors refer to, shape (n,); see `Design.level`."""
         return self.design.level(self.luminance)
 
     @cached_property

@@ -122,8 +122,8 @@ def with_scatter(design: Design, candidate: CandidateModel, *, by_place: bool = 
     if p_value_of_chi_squared(inside, design.net_dn.size - len(design.patches)) < SMALL_P_VALUE:
         choices = [("scatter_rel", "scatter_each_rel"), ("scatter_rel", "scatter_each_dn")]
     deviance, sizes = min((_estimate(first, kinds) for kinds in choices), key=lambda estimate: estimate[0])
-    of_rest, rest = _estimate(first, tuple(sizes)[1:])
-    if of_rest - deviance < _WORTH and not by_place:
+    deviance_of_rest, rest = _estimate(first, tuple(sizes)[1:])
+    if deviance_of_rest - deviance < _WORTH and not by_place:
         sizes = rest
     if not sizes:
         return first
@@ -151,16 +151,16 @@ def _estimate(solution: Solution, kinds: tuple[Kind, ...]) -> tuple[float, dict[
     kind = kinds[0] if kinds else "scatter_rel"
     pattern, unit = _pattern(solution, kind), _unit(solution, kind)
 
-    def of_rest(size: float) -> tuple[float, dict[Kind, float]]:
+    def with_rest_of_size(size: float) -> tuple[float, dict[Kind, float]]:
         rest = dict.fromkeys(kinds[1:], size)
         likelihood = _Likelihood.of(solution.jacobian, solution.residual, covariance_with(solution, rest), pattern)
         best = likelihood.best(unit) if kinds else 0.0
         return likelihood.deviance(best), {kind: best, **rest} if kinds else {}
 
     if len(kinds) < 2:
-        return of_rest(0.0)
+        return with_rest_of_size(0.0)
     widest = _unit(solution, kinds[1])
-    return of_rest(widest * exp(_minimum(lambda v: of_rest(widest * exp(v))[0])))
+    return with_rest_of_size(widest * exp(_minimum(lambda v: with_rest_of_size(widest * exp(v))[0])))
 
 
 def _minimum(deviance: Callable[[float], float]) -> float:

@@ -142,7 +142,9 @@ def select(design: Design, candidates: Sequence[CandidateModel]) -> ModelSelecti
 
 def time_factor(design: Design, fitted_effects: Iterable[FittedEffect]) -> Array:
     """Return exposure times by the effects on them, over the stated ones, shape (n,)."""
-    errors = [(fitted.value, fitted.effect.errors[0].relative) for fitted in fitted_effects if fitted.effect.of_times]
+    errors = [
+        (fitted.value, fitted.effect.errors[0].relative) for fitted in fitted_effects if fitted.effect.changes_times
+    ]
     factor: Array = np.ones_like(design.net_dn) + sum(value * relative for value, relative in errors)
     return np.maximum(factor, SHORTEST)
 
@@ -168,7 +170,7 @@ def _with_exact_times(
 ) -> list[FittedEffect]:
     """Return exposure times that leave nothing: they are factors of luminances, and their columns only tangents."""
     now = list(fitted_effects)
-    numbers = [k for k, fitted in enumerate(now) if fitted.effect.of_times]
+    numbers = [k for k, fitted in enumerate(now) if fitted.effect.changes_times]
     for _ in range(_TIME_ROUNDS):
         steps = [_step_of_time(design, candidate, now, k) for k in numbers]
         if all(step < _EXACT for step in steps):
@@ -263,7 +265,7 @@ def _without_others(
         again = fitted if solution is None else assess(solution, fitted.effect)
         if not again.significant:
             kept = rest
-        elif not fitted.effect.of_times:
+        elif not fitted.effect.changes_times:
             kept = [again if other is fitted else other for other in kept]
     return _with_exact_times(design, candidate, kept)
 
@@ -280,7 +282,7 @@ def _with_rivals(
     solution = next(solutions(with_effects(design, rest), [candidate]), None)
     if solution is None:
         return fitted
-    if fitted.effect.of_times:
+    if fitted.effect.changes_times:
         others = [other for other in _others(effects, rest) if other.key != fitted.effect.key]
         alike = _as_good(design, candidate, fitted_effects, fitted, _significant(solution, others))
     else:

@@ -240,7 +240,7 @@ class PatchObservation(Observation):
 
     @property
     def frames(self) -> tuple[float, float, datetime | None]:
-        """What tells its frames from others: patches of the same frames share their errors."""
+        """Exposure time, gain and time of its frames; patches of the same frames share their errors."""
         return self.exposure_s, self.state.gain_db, self.recorded
 
     def net_dn(self, dark_dn: float) -> float:

@@ -1,1 +1,1 @@
-"""What a sensor does by itself: dark signal, noise, response, defect pixels, flat field."""
+"""The sensor by itself: dark signal, noise, response, defect pixels, flat field."""

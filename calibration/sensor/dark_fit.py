@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 
 class DarkCurrent:
-    """What doubles from one temperature to another (EMVA 1288 Release 4.0 Linear, equation for mu_I(T))."""
+    """Dark current that doubles with the temperature (EMVA 1288 Release 4.0 Linear, equation for mu_I(T))."""
 
     temperature_c: float | None
     doubling_temperature_c: float | None

@@ -154,7 +154,7 @@ class VerifiedPlane:
 
     @property
     def balance_excess_rel(self) -> float:
-        """What the deviation exceeds its U by; 0 if it does not."""
+        """Excess of the deviation over its U; 0 if it is within."""
         return max(abs(self.balance_rel or 0.0) - (self.balance_expanded_rel or 0.0), 0.0)
 
 
@@ -250,7 +250,7 @@ def _effect(rows: Sequence[VerifiedDark]) -> tuple[float, float]:
     return sum(row.effect_rel for row in rows), expanded_half_width(0.0, u)
 
 
-def decide(deviation_rel: float, expanded_rel: float, tolerance_rel: float) -> Verdict:
+def decide(deviation_rel: float, U_rel: float, tolerance_rel: float) -> Verdict:  # noqa: N803 - the symbol of the GUM
     """Decide whether a deviation conforms to a tolerance, with a guard band as wide as its U (95 %).
 
     Conform if the size of d plus U is at most T, not conform if that minus U exceeds T, else undecided: guarded
@@ -259,24 +259,23 @@ def decide(deviation_rel: float, expanded_rel: float, tolerance_rel: float) -> V
 
     Parameters
     ----------
-    deviation_rel, expanded_rel : float
+    deviation_rel, U_rel : float
         d, and its expanded uncertainty U (95 %), as fractions.
     tolerance_rel : float
         T, as a fraction.
     """
-    if abs(deviation_rel) + expanded_rel <= tolerance_rel:
+    if abs(deviation_rel) + U_rel <= tolerance_rel:
         return "conform"
-    return "not conform" if abs(deviation_rel) - expanded_rel > tolerance_rel else "undecided"
+    return "not conform" if abs(deviation_rel) - U_rel > tolerance_rel else "undecided"
 
 
-def conformance_probability(deviation_rel: float, standard_uncertainty_rel: float, tolerance_rel: float) -> float:
+def conformance_probability(deviation_rel: float, u_rel: float, tolerance_rel: float) -> float:
     """Probability that the true deviation is within the tolerance (JCGM 106:2012, 7.2, for a normal distribution)."""
     from scipy.special import ndtr
 
-    if standard_uncertainty_rel == 0:
+    if u_rel == 0:
         return float(abs(deviation_rel) <= tolerance_rel)
-    u = standard_uncertainty_rel
-    return float(ndtr((tolerance_rel - deviation_rel) / u) - ndtr((-tolerance_rel - deviation_rel) / u))
+    return float(ndtr((tolerance_rel - deviation_rel) / u_rel) - ndtr((-tolerance_rel - deviation_rel) / u_rel))
 
 
 def require_tolerance(tolerance_rel: float) -> float:

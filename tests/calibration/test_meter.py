@@ -9,7 +9,7 @@ import pytest
 
 from labcdp.calibration import fit, patch_luminance
 from labcdp.calibration.budget import budget
-from labcdp.calibration.convert.patch import contrast_uncertainty
+from labcdp.calibration.convert.patch import contrast_u
 from labcdp.calibration.setup import MeterScale, corrected, meter_scale
 from labcdp.calibration.uncertainty import expanded_rel, scales_apart
 from labcdp.core.errors import CalibrationError
@@ -45,7 +45,7 @@ def test_a_certificate_takes_the_place_of_the_data_sheet(calibrate):
         assert (scale.u_rel, scale.distribution) == (pytest.approx(u), distribution)
     assert "meter-without-certificate" in codes(by_sheet) - codes(by_certificate)
     # The scale cancels in contrasts, whatever its distribution.
-    u = [contrast_uncertainty(*(patch_luminance(c, seen[p]) for p in ("P7", "P0"))) for c in (by_sheet, by_certificate)]
+    u = [contrast_u(*(patch_luminance(c, seen[p]) for p in ("P7", "P0"))) for c in (by_sheet, by_certificate)]
     assert u[0] == pytest.approx(u[1], rel=1e-6)
 
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
+from labcdp.calibration import contrast_u, fit, patch_luminance
 from labcdp.core.errors import CalibrationError
 
 from .conftest import EXPOSURES_S, bench, codes
@@ -45,8 +45,8 @@ def test_the_scale_cancels_in_a_contrast_and_the_dark_signal_does_not(calibrated
     a, b = ({e.source: e.relative for e in one.common if e.source.startswith("exposure")} for one in (bright, dark))
     left += sum((a.get(k, 0) - b.get(k, 0)) ** 2 for k in a | b)
     expected = 400 * np.sqrt(bright.random_rel**2 + dark.random_rel**2 + left)
-    assert contrast_uncertainty(bright, dark) == pytest.approx(expected, rel=1e-6)
-    assert contrast_uncertainty(bright, dark) < 400 * 0.02 / np.sqrt(3)
+    assert contrast_u(bright, dark) == pytest.approx(expected, rel=1e-6)
+    assert contrast_u(bright, dark) < 400 * 0.02 / np.sqrt(3)
 
 
 def test_saturated_exposures_are_left_out_and_luminances_outside_the_range_named(calibrated, camera):

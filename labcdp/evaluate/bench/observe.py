@@ -54,7 +54,7 @@ PatchGroups: TypeAlias = Mapping[str, Sequence[PatchObservation]]
 
 @dataclass(frozen=True)
 class ObservedSession:
-    """What the frames and readings of a session say about its patches.
+    """Observations and readings of the patches of a session.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ class SessionEvaluation:
 
     @property
     def simulated(self) -> list[str]:
-        """What of the bench was simulated, for the user; empty on a real one."""
+        """Simulated parts of the bench, for the user; empty on a real one."""
         camera, meter = self.calibration.state.camera, self.calibration.meter_scale.meter
         named = ((camera, f"camera {camera.model}"), (meter, f"luminance meter {meter.model}"))
         parts = [name for device, name in named if device.simulated]

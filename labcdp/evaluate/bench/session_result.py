@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from math import hypot, nan
 
-from ...calibration import AnyCalibration, contrast_half_width_95, contrast_uncertainty
+from ...calibration import AnyCalibration, contrast_U, contrast_u
 from ...core.result import Finding, InputFile, Result, info
 from ...core.table import Column, Table, uncertain, with_bound, with_interval
 from ...report.text import day, exposures, minute, span
@@ -40,8 +40,8 @@ CONTRASTS = (
     *with_bound(uncertain(
         Column("camera_contrast", "contrast by camera", "%",
                "From the mean luminances of the camera; scale and fit cancel."),
-        lambda row: nan if row.bound else contrast_uncertainty(row.bright.calibrated, row.dark.calibrated),
-        lambda row: nan if row.bound else contrast_half_width_95(row.bright.calibrated, row.dark.calibrated),
+        lambda row: nan if row.bound else contrast_u(row.bright.calibrated, row.dark.calibrated),
+        lambda row: nan if row.bound else contrast_U(row.bright.calibrated, row.dark.calibrated),
     ), "bound"),
     *with_interval(Column("cdp", "CDP", "", "Share of pixel pairs whose contrast counts.", value="cdp.cdp"),
                    "cdp.interval"),

@@ -6,7 +6,7 @@ from math import log, sqrt
 import numpy as np
 import pytest
 
-from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
+from labcdp.calibration import contrast_u, fit, patch_luminance
 
 from ..conftest import SimulatedCamera, SimulatedMeter, codes
 
@@ -34,7 +34,7 @@ def covered(rng, setup, light_c, measured_c, dark_s):
     a, b = (patch_luminance(calibration, patch("new", v, measured_c)) for v in truths)
     low, high = a.interval_95_cd_m2
     difference = a.luminance_cd_m2 / b.luminance_cd_m2 - truths[0] / truths[1]
-    inside = low <= truths[0] <= high, abs(difference) <= 1.96 * contrast_uncertainty(a, b)
+    inside = low <= truths[0] <= high, abs(difference) <= 1.96 * contrast_u(a, b)
     return *inside, "temperature-not-covered" in codes(a)
 
 

@@ -6,7 +6,7 @@ from math import log, sinh, sqrt
 import numpy as np
 import pytest
 
-from labcdp.calibration import contrast_half_width_95, fit, patch_luminance
+from labcdp.calibration import contrast_U, fit, patch_luminance
 from labcdp.calibration.budget import budget
 from labcdp.calibration.camera import common_errors
 
@@ -66,5 +66,5 @@ def test_intervals_hold_for_a_camera_that_is_warmer_or_colder(calibration, camer
         there = replace(camera, dark_rate_dn_s=40 * 2 ** (warmer_k / DOUBLING_K))
         bright, dim = (patch_luminance(calibration, [there.observe("wall", v, exposure_s, rng)]) for v in (20.0, 1.0))
         error = bright.luminance_cd_m2 / dim.luminance_cd_m2 - 20.0
-        inside += abs(error) <= contrast_half_width_95(bright, dim)
+        inside += abs(error) <= contrast_U(bright, dim)
     assert abs(inside / n - 0.95) <= 3 * sqrt(0.95 * 0.05 / n)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labcdp.calibration import contrast_uncertainty, fit, patch_luminance
+from labcdp.calibration import contrast_u, fit, patch_luminance
 from labcdp.calibration.frames.nonuniformity import smooth_patterns
 from labcdp.core.vignetting import Cos4Vignetting, RadialVignetting
 
@@ -64,7 +64,7 @@ def test_an_error_of_the_vignetting_moves_fit_and_patches_together(camera, setup
     assert [-left * float(error.relative) for (error,) in stated] == pytest.approx(list(moved.values()), abs=2e-4)
     assert 1 >= left > 0.3
     assert abs(moved["middle"]) > 1e-3
-    near, far = (contrast_uncertainty(right["edge"], right[other]) for other in ("near", "middle"))
+    near, far = (contrast_u(right["edge"], right[other]) for other in ("near", "middle"))
     assert near < 0.1 * far
 
 

@@ -37,7 +37,7 @@ def design_of(net, readings, net_variance, reading_variance, patch=None, scale_p
         "signals": NetSignals(**values),
         "shared": (),
         "own_rel": np.zeros(n_patches),
-        "place": np.zeros((n_patches, 3)),
+        "position_patterns": np.zeros((n_patches, 3)),
         "rim_rel": np.zeros(n_patches),
         "delay_h": np.zeros(n),
     }

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from labcdp.calibration import contrast_uncertainty, load, save
+from labcdp.calibration import contrast_u, load, save
 from labcdp.calibration.bracket import bracket_luminance
 from labcdp.chain import ImagingChain, Optics, Sensor
 from labcdp.core.errors import CalibrationError
@@ -104,7 +104,7 @@ def test_a_measured_flat_field_takes_off_what_cos4_does_not_know(bench, observed
     (contrast,) = evaluated(bench, load(tmp_path / "calibration.json")).contrasts
     truth = LUMINANCES_CD_M2["P9"] / LUMINANCES_CD_M2["P2"] - 1
     seen = contrast.bright.calibrated, contrast.dark.calibrated
-    assert abs(contrast.camera_contrast - truth) < 3 * contrast_uncertainty(*seen)
+    assert abs(contrast.camera_contrast - truth) < 3 * contrast_u(*seen)
 
 
 def test_sessions_with_two_gains_become_one_calibration(observed, tmp_path):

@@ -329,9 +329,7 @@ def _of_many_bits(
 ) -> Picture:
     """Make a picture of linear values of 17 to 24 bits, which float32 holds without rounding."""
     if values.ndim == 3 or options.encoding not in (None, "linear"):
-        raise InputError(
-            f"{path} has values up to {values.max()}, more than 16 bits: these are read as linear grey only"
-        )
+        raise InputError(f"{path} has values up to {values.max()}: more than 16 bits are read as linear grey only")
     stated = options.override("bit_depth") or statements.bits
     bits = stated if stated is not None and stated <= MOST_BITS else next(n for n in (20, 24) if values.max() < 2**n)
     if values.max() >= 2**bits:

@@ -67,7 +67,8 @@ MAX_PIXELS = 250_000_000
 MOST_BITS = 24
 
 
-#: Values of an image file, uint8, uint16, uint32 or float32, shape (height, width) or (height, width, 3); what the file states.
+#: Values of an image file, uint8, uint16, uint32 or float32, shape (height, width) or (height, width, 3); and what the
+#: file states.
 Stored: TypeAlias = tuple[NDArray[Any], FileStatements]
 
 
@@ -124,7 +125,7 @@ def require_size(path: Path, width: int, height: int, max_pixels: int) -> None:
 
 
 def whole_numbers(values: NDArray[Any], path: Path) -> tuple[NDArray[Any], int, tuple[Finding, ...]]:
-    """Integers of any type as uint8, uint16 or, up to 24 bits, uint32; the bits of that type, and what was done to them.
+    """Integers of any type as uint8, uint16 or, up to 24 bits, uint32; the bits of that type; what was done to them.
 
     Raises
     ------
@@ -138,8 +139,8 @@ def whole_numbers(values: NDArray[Any], path: Path) -> tuple[NDArray[Any], int, 
     low, high = int(values.min()), int(values.max())
     if low < 0 or high >= 2**MOST_BITS:
         raise InputError(
-            f"{path} has values from {low} to {high}: DN are whole numbers from 0 to {2**MOST_BITS - 1}; save luminance "
-            "and the like as floats"
+            f"{path} has values from {low} to {high}: DN are whole numbers from 0 to {2**MOST_BITS - 1}; save "
+            "luminance and the like as floats"
         )
     if high > 65535:
         return values.astype(np.uint32), 32, ()

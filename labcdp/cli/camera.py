@@ -136,7 +136,7 @@ def _tolerance(text: str, name: str) -> float:
 
 
 @dataclass(frozen=True)
-class Judgement:
+class JudgementOptions:
     """Options for what is measured and when it conforms.
 
     Parameters
@@ -154,7 +154,7 @@ class Judgement:
 
 
 def verify(
-    judgement: Judgement,
+    judgement: JudgementOptions,
     devices: DeviceOptions,
     results: Results,
     calibration: Path,

@@ -31,7 +31,7 @@ from labcdp.web.bench.tabs import CameraTab
 from labcdp.web.regions.display import DisplayScale
 from labcdp.web.regions.drawing import Drawing
 from labcdp.web.regions.figure import PictureView
-from labcdp.web.regions.page import RegionPage
+from labcdp.web.regions.page import WorkspacePage
 from labcdp.web.regions.page_image import PageImage
 
 from ..conftest import wait_until
@@ -276,7 +276,7 @@ def test_a_recording_waits_for_what_is_lost_until_it_is_stopped(bench, camera, s
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
 def test_many_messages_are_answered_with_one_refresh(tmp_path):
-    page = RegionPage(workspace(tmp_path), Document())
+    page = WorkspacePage(workspace(tmp_path), Document())
     link = page.picture.link
     for n in range(100):
         link.view = [0.0, 0.0, 8.0 + n, 8.0, 4, 4]
@@ -291,7 +291,7 @@ def test_many_messages_are_answered_with_one_refresh(tmp_path):
 
 @pytest.mark.filterwarnings("ignore:.*will be removed in version 2.0:PendingDeprecationWarning")
 def test_a_number_that_a_field_does_not_take_stays_and_is_said_until_it_is_right(tmp_path):
-    page, taken = RegionPage(workspace(tmp_path), Document()), list[float]()
+    page, taken = WorkspacePage(workspace(tmp_path), Document()), list[float]()
     empty = page.number("To", limits=(0.0, 9.0))
     for typed in ("5,0", ""):
         empty.widget.value = typed
@@ -326,7 +326,7 @@ def test_binning_is_refused_while_there_are_regions(tmp_path):
     camera = SimpleNamespace(
         live=LiveState(features=features), read_features=lambda: None, request=lambda **settings: asked.append(settings)
     )
-    page = RegionPage(space, Document())
+    page = WorkspacePage(space, Document())
     tab = CameraTab(camera, page)
 
     def enter(text):

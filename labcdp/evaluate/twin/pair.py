@@ -15,7 +15,7 @@ from ...metrics.contrast import checked_contrast, detected_ratios
 from ...metrics.detection import count_cdp
 from ...metrics.pairs import count_pairs, share_inside
 from .prediction import RegionPrediction, added, scaled
-from .regions import MeasuredPatch
+from .regions import CameraPatch
 
 #: Whether prediction and measurement agree.
 TwinJudgement: TypeAlias = Literal["agree", "differ", "undecided"]
@@ -116,7 +116,7 @@ class TwinPair(PairRequest):
 
 
 def compare_pair(
-    pair: PairRequest, seen: tuple[MeasuredPatch, MeasuredPatch], predicted: tuple[RegionPrediction, RegionPrediction]
+    pair: PairRequest, seen: tuple[CameraPatch, CameraPatch], predicted: tuple[RegionPrediction, RegionPrediction]
 ) -> TwinPair:
     """Compare measured and predicted CDP of two patches, the bright one first.
 
@@ -124,7 +124,7 @@ def compare_pair(
     ----------
     pair : PairRequest
         What to compare.
-    seen : (MeasuredPatch, MeasuredPatch)
+    seen : (CameraPatch, CameraPatch)
         Measured luminances.
     predicted : (RegionPrediction, RegionPrediction)
         Predicted ones.
@@ -163,7 +163,7 @@ def compare_pair(
 
 
 def _shifted(
-    predicted: tuple[RegionPrediction, RegionPrediction], seen: tuple[MeasuredPatch, MeasuredPatch]
+    predicted: tuple[RegionPrediction, RegionPrediction], seen: tuple[CameraPatch, CameraPatch]
 ) -> dict[str, list[tuple[Distribution, Distribution]]]:
     """Distributions of the two patches with one parameter lower, and higher, by its name."""
     bright, dark = (dict(region.shifted) for region in predicted)

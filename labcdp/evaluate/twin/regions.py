@@ -47,7 +47,7 @@ class RegionError:
 
 
 @dataclass(frozen=True, eq=False)
-class MeasuredPatch:
+class CameraPatch:
     """A patch as measured by the camera.
 
     Parameters
@@ -117,7 +117,7 @@ def regions_of(
 
 def seen_regions(
     observed: ObservedSession, calibration: Calibration, exposure_s: float, names: set[str]
-) -> dict[str, MeasuredPatch]:
+) -> dict[str, CameraPatch]:
     """Return the calibrated luminance of patches in the first frame of an exposure that shows them, by name."""
     rois = {patch.name: patch.region() for patch in observed.configuration.target.patches if patch.name in names}
     maps = frame_maps(observed, calibration)
@@ -127,7 +127,7 @@ def seen_regions(
     }
 
 
-def _seen_region(luminance: LuminanceMap, roi: Roi, exposure_s: float, frame_number: int) -> MeasuredPatch:
+def _seen_region(luminance: LuminanceMap, roi: Roi, exposure_s: float, frame_number: int) -> CameraPatch:
     values = np.asarray(luminance.select(roi), dtype=float)
     sound = (luminance.scaled(roi).select(luminance.invalid) & Invalid.DEFECT.value) == 0
     mean = float(values[sound].mean())
@@ -138,7 +138,7 @@ def _seen_region(luminance: LuminanceMap, roi: Roi, exposure_s: float, frame_num
             absolute = np.broadcast_to(error.relative, values.shape)[sound] * values[sound]
         mean_error = float(np.mean(absolute[np.isfinite(absolute)]))
         errors.append(RegionError(error.source, mean_error, mean_error / mean if mean else 0.0))
-    return MeasuredPatch(values[sound], exposure_s, frame_number, tuple(errors))
+    return CameraPatch(values[sound], exposure_s, frame_number, tuple(errors))
 
 
 #: Kinds of signal, as they are called in tables.

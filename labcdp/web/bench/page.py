@@ -16,7 +16,7 @@ from ..html import TINTED, beside, column, row
 from ..numbers import parted
 from ..regions.display import DisplayScale
 from ..regions.map_tab import MapTab
-from ..regions.page import RegionPage
+from ..regions.page import WorkspacePage
 from ..regions.wording import warning_list
 from .cards import (
     Plots,
@@ -73,7 +73,7 @@ class BenchPage:
 
     def __init__(self, bench: LiveBench, document: Any) -> None:
         self.bench = bench
-        self._page = page = RegionPage(bench.workspace, document, self._may_change)
+        self._page = page = WorkspacePage(bench.workspace, document, self._may_change)
         self._picture, self._highest = page.picture, bench.images.highest_dn
         self._picture.show_scale(DisplayScale("gamma", 0.0, self._highest))
         self._picture.go_live()

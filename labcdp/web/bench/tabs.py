@@ -13,7 +13,7 @@ from ...core.errors import InputError
 from ...drivers.camera_settings import CameraSettings, FeatureDescription, FeatureValue, Region
 from ..html import column, items, row, table, table_row, text
 from ..numbers import coordinates
-from ..regions.page import RegionPage
+from ..regions.page import WorkspacePage
 from .live import LiveState
 from .live_bench import LiveBench
 from .live_camera import LiveCamera
@@ -32,11 +32,11 @@ class CameraTab:
     ----------
     camera : LiveCamera
         The camera.
-    page : RegionPage
+    page : WorkspacePage
         The tab of the browser.
     """
 
-    def __init__(self, camera: LiveCamera, page: RegionPage) -> None:
+    def __init__(self, camera: LiveCamera, page: WorkspacePage) -> None:
         self._camera, self._page = camera, page
         self._settings, self._table = page.text("camera settings"), page.text("features")
         field, request = page.field, camera.request
@@ -164,11 +164,11 @@ class RecordTab:
     ----------
     bench : LiveBench
         State common to all tabs.
-    page : RegionPage
+    page : WorkspacePage
         The tab of the browser.
     """
 
-    def __init__(self, bench: LiveBench, page: RegionPage) -> None:
+    def __init__(self, bench: LiveBench, page: WorkspacePage) -> None:
         self._bench = bench
         name = f"session-{datetime.now():%Y%m%d-%H%M}"
         self._name = page.field("TextInput", "Folder of the session", value=name, width=250)

@@ -18,7 +18,7 @@ from ..html import beside, column, row, small_plot
 from ..numbers import coordinates, number_list
 from .display import LARGEST_RATIO, SCALES, DisplayScale, ScaleName
 from .map_data import EXPORTS, export_map, isolines, profile
-from .page import RegionPage
+from .page import WorkspacePage
 from .wording import statistics_table
 from .workspace import Workspace
 
@@ -32,13 +32,13 @@ class MapTab:
 
     Parameters
     ----------
-    page : RegionPage
+    page : WorkspacePage
         Picture and regions of the tab of the browser.
     coloured : bool
         Whether the luminance is shown in false colours at first.
     """
 
-    def __init__(self, page: RegionPage, coloured: bool) -> None:
+    def __init__(self, page: WorkspacePage, coloured: bool) -> None:
         self._page, self._picture, self._workspace = page, page.picture, page.workspace
         self._dn_scale = page.picture.scale
         self._levels: tuple[float, ...] = ()
@@ -240,7 +240,7 @@ def map_page(workspace: Workspace, document: Any, *, map_first: bool) -> tuple[A
     map_first : bool
         Whether the luminance is shown first, in false colours, instead of the regions.
     """
-    page = RegionPage(workspace, document)
+    page = WorkspacePage(workspace, document)
     luminance = MapTab(page, map_first)
     tabs = pn.Tabs(
         ("Regions", page.side()), ("Luminance", luminance.layout()), active=int(map_first), sizing_mode="stretch_both"

@@ -38,7 +38,7 @@ _MESSAGES_STYLE = {
 }
 
 
-class RegionPage(Widgets):
+class WorkspacePage(Widgets):
     """One tab.
 
     Parameters

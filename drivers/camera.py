@@ -44,9 +44,9 @@ class IncompleteFrameError(CameraError):
     Parameters
     ----------
     cause : str
-        What was observed.
+        Observed problem.
     remedy : str or None
-        What to do.
+        Remedy.
     status : str
         Name of the Aravis buffer status, for example ``MISSING_PACKETS``; empty if unknown.
     frame_id : int or None

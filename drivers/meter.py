@@ -39,9 +39,9 @@ class MeterReportedError(MeterError):
     code : str
         The code as sent, for example ``ER10``.
     meaning : str
-        What the meter's manual says of it.
+        Meaning of the code by the meter's manual.
     remedy : str
-        What to do.
+        Remedy.
     """
 
     def __init__(self, code: str, meaning: str, remedy: str) -> None:
@@ -63,9 +63,9 @@ class MeterIncident:
     at : datetime
         Host time, with time zone.
     reason : str
-        What was wrong.
+        Problem.
     duration_s : float
-        How long the meter was lost.
+        Time for which the meter was lost.
     """
 
     kind: MeterIncidentKind

@@ -91,7 +91,7 @@ def require_kept(
     who : CameraIdentity
         The camera.
     wanted : CameraSetup
-        What it was given.
+        Settings that it was given.
     settings : CameraSettings
         In force.
     feature : callable

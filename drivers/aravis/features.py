@@ -126,7 +126,7 @@ def described_features(camera: Any) -> Iterator[FeatureDescription]:
 def _answer(question: Callable[[], _T], otherwise: _T) -> _T:
     """Ask a camera; a feature that cannot be read is tolerated, unlike a camera that does not answer.
 
-    What belongs to a chunk or an event has no value without one, and a formula may divide by a register that is 0.
+    Features of chunks and events have no value without one, and a formula may divide by a register that is 0.
     """
     try:
         return question()

@@ -63,7 +63,7 @@ class FrameStream:
     chosen : frozenset of str
         GenICam features set by the user, which must not be changed.
     n_frames : int
-        How many are wanted.
+        Number of frames wanted.
     timeout_s : float or None
         As of `CameraSettings.longest_wait_s`.
     on_refused : callable or None

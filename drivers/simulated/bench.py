@@ -218,11 +218,11 @@ class SimulatedBench:
         Parameters
         ----------
         series : str
-            What they show; each series has noise of its own.
+            Content of the frames; each series has noise of its own.
         first : int
             Number in the series of the first one that counts.
         n_before : int
-            How many are taken before it that do not count.
+            Number of frames taken before it that do not count.
         """
         self._source.announce(f"{self._plan}, {series}", first, n_before)
 

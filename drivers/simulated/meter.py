@@ -77,7 +77,7 @@ class SimulatedDisplay:
     luminance : callable
         Returns the luminance in the meter's field, in cd/m^2.
     errors : MeterErrorModel
-        How it errs.
+        Errors of the display.
     """
 
     def __init__(self, luminance: Callable[[], float], errors: MeterErrorModel) -> None:
@@ -105,7 +105,7 @@ class SimulatedLS:
     data_sheet : LSDataSheet
         The model.
     errors : MeterErrorModel
-        How it errs.
+        Errors of the meter.
 
     Attributes
     ----------

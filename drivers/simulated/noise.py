@@ -18,11 +18,11 @@ def announced(series: str, first: int, n_before: int = 0) -> Iterator[tuple[int,
     Parameters
     ----------
     series : str
-        What is taken; each series has noise of its own.
+        Kind of exposure or reading; each series has noise of its own.
     first : int
         Number in the series of the first one that counts.
     n_before : int
-        How many are taken before it that do not count.
+        Number taken before it that do not count.
 
     Yields
     ------

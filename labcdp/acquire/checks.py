@@ -27,7 +27,7 @@ class CheckFinding:
     Parameters
     ----------
     check : str
-        What was checked.
+        Name of the check.
     cause : str
         Problem and possible cause, on one line.
     value, limit : float

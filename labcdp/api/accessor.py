@@ -128,7 +128,7 @@ class LabcdpAccessor:
         levels : sequence of float
             Values of the variable.
         variable : str
-            Which variable.
+            Name of the variable.
 
         Raises
         ------
@@ -148,7 +148,7 @@ class LabcdpAccessor:
     def to_dataframe(self) -> Any:
         """Return a table with one row for each pair, and of each for every frame and contrast there are.
 
-        What regions have is in columns of its own for the bright and the dark one: ``mean_bright``, ``mean_dark``.
+        Variables of regions become columns for the bright and the dark one: ``mean_bright``, ``mean_dark``.
 
         Returns
         -------

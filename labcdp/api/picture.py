@@ -89,7 +89,7 @@ def read_image(
         How values are encoded; of companded data the curve, or the name of one that ships with labcdp, such as
         ``AR0231``, or of a file in TOML. None for what the file states, or its kind suggests.
     exposure_s, gain_db, temperature_c, bit_depth
-        What the user states about the picture; it counts before what the file says.
+        Statements of the user about the picture, which take precedence over those of the file.
     black_level_dn, bayer
         DN of pixels without light, and colour filter of a sensor in a grey file by its first 2 x 2 pixels.
     focal_length_m, pixel_pitch_m, no_vignetting
@@ -159,7 +159,7 @@ class Image:
     picture : Picture
         The file that was read.
     converter : Converter
-        How its values become luminance.
+        Conversion of its values to luminance.
     luminance : LuminanceMap
         Luminance of each pixel with uncertainty and flags; ``numpy.asarray(image.luminance)`` gives the values alone.
 

@@ -161,7 +161,7 @@ class CalibratedSession:
     calibration : Calibration or ColourCalibration
         Converts frames of this camera to cd/m^2.
     observed : ObservedSession
-        What frames and readings say of the patches that were not left out.
+        Measurements in frames and readings of the patches that were not left out.
     """
 
     session: Session

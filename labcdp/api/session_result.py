@@ -57,7 +57,7 @@ class SessionResult:
     evaluation : SessionEvaluation
         All results; its `map` is the target in cd/m^2.
     inputs : tuple of InputFile
-        What it was made from.
+        Inputs it was made from.
     """
 
     evaluation: SessionEvaluation

@@ -37,9 +37,9 @@ class TrackedRegions:
     pairs : tuple of (str, str)
         Names of the pairs that are evaluated.
     method : str
-        How they are followed.
+        Tracking method of each region.
     selection : Selection
-        Which frames are evaluated.
+        Frames that are evaluated.
     """
 
     name: str
@@ -71,7 +71,7 @@ class TrackedRegions:
             Contrast to compare each frame with: a measured one, that of the first frame, or the results (NetCDF) of
             another video.
         reference_by : {'number', 'time'}
-            How its frames are matched.
+            Whether its frames are matched by number or by time.
         progress : callable or None
             Called after each frame.
 

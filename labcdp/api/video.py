@@ -84,13 +84,13 @@ class Video:
     source : VideoSource
         The frames.
     converter : Converter
-        How their values become luminance.
+        Conversion of their values to luminance.
     calibration : path, Calibration or None
         For luminance in cd/m^2.
     camera_spec : Path or None
         For luminance by guessed parameters.
     stated : dict
-        What the user states about the video, None for nothing.
+        Statements of the user about the video, None for nothing.
     """
 
     source: VideoSource
@@ -136,7 +136,7 @@ class Video:
         regions : path, list of Roi, or dict
             As for `Image.regions`.
         method : {'follow', 'homography', 'fixed'} or str
-            How they are followed; other methods for some regions: ``"follow,wall=fixed"``.
+            Tracking method; other methods for some regions: ``"follow,wall=fixed"``.
         pairs : list of (str, str) or None
             Two regions by name; None for all pairs of up to six regions. The video is read once.
         start, stop, every : int or str

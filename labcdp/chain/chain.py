@@ -127,7 +127,7 @@ class ChainRun(Mapping[str, Signal]):
     Parameters
     ----------
     chain : Chain
-        What was run.
+        The chain that was run.
     seed : int
         Seed of the noise.
     stages : mapping of str to Signal

@@ -53,11 +53,11 @@ def block_generator(seed: int, stream: Stream, index: int, block: int) -> np.ran
     seed : int
         Seed of the exposures or of the device, at least 0.
     stream : Stream
-        What the numbers are for.
+        Purpose of the random numbers.
     index : int
-        Which exposure or which pattern, at least 0.
+        Number of the exposure or pattern, at least 0.
     block : int
-        Which block.
+        Number of the block.
     """
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream, index, block)))
 

@@ -110,7 +110,7 @@ def merge_dn(method: Method, bits: int, exposures_dn: Sequence[NDArray[Any]], la
     Parameters
     ----------
     method : {"normal", "linear", "weighted"}
-        How to merge.
+        Merge method.
     bits : int
         Bits of the merged value; only "normal" has a limited range.
     exposures_dn : sequence of ndarray

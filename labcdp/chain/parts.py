@@ -67,23 +67,23 @@ class ChainParts:
     Parameters
     ----------
     name, description : str
-        What the chain is.
+        Name, and description in a sentence.
     spectrum : str
         Spectrum of the light, as `labcdp.core.photometry.photon_radiance_per_cd_m2` takes it.
     scene : Scene
-        What the camera looks at.
+        The scene in front of the camera.
     before : tuple of (str, Stage)
         Stages between scene and sensor with their names, in order.
     sensors : tuple of (str, SensorModel)
         None, one, or several sensors that look at the same scene, with their names.
     settings : ExposureSettings or None
-        How the sensors are exposed; None without sensors.
+        Exposure settings of the sensors; None without sensors.
     hdr : Hdr or None
-        How the exposures of a sensor are merged.
+        Merge of the exposures of a sensor.
     behind : tuple of (str, Stage)
         Stages behind sensor and merge, in order.
     source : str
-        What messages call the chain: its preset or file.
+        Name of the chain in messages: its preset or file.
     folder : Path
         Folder that paths in `document` are relative to.
 
@@ -179,7 +179,7 @@ class ChainParts:
         document : mapping
             The tables; those between scene and sensor, and those behind, are stages in their order.
         source : str
-            What messages call the document.
+            Name of the document in messages.
         folder : Path
             Folder that paths in it are relative to.
 

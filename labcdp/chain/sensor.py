@@ -102,7 +102,7 @@ class Sensor(Sized):
     dsnu_e_s : float
         Standard deviation of the pixels' dark currents at `reference_temperature_c`, electrons per second.
     device_seed : int
-        Which specimen: two sensors that differ in it alone have other fixed patterns.
+        Number of the specimen: sensors that differ only in it have different fixed patterns.
 
     Raises
     ------

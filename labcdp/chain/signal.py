@@ -74,7 +74,7 @@ class Signal:
     values : ndarray, shape (height, width), or (cells, levels) with `shares`
         In the unit of the quantity.
     quantity : {'luminance', 'illuminance', 'digital number'}
-        What the values are.
+        Quantity of the values.
     to_luminance : callable
         Takes values of this quantity and returns the luminance in cd/m^2 in front of the whole chain, of their shape.
     shares : ndarray of float or None, shape (cells, levels)
@@ -143,7 +143,7 @@ class Context:
     pixel_pitch_m : float or None
         Of the sensor behind the stage; None without a sensor.
     settings : ExposureSettings or None
-        How the sensor is exposed; None without a sensor.
+        Exposure settings of the sensor; None without a sensor.
     threads : int or None
         Number of threads, None for one a processor.
     """
@@ -237,7 +237,7 @@ class SensorModel(Protocol):
         context : Context
             Spectrum, seed and settings.
         index : int
-            Which of the exposures of the settings; the noise of each is its own.
+            Index of the exposure in the settings; each exposure has noise of its own.
 
         Raises
         ------

@@ -162,7 +162,7 @@ def _counts_up_to(
     Yields
     ------
     block : slice
-        Which dark values.
+        Indices of the dark values.
     start : int
         Count for the last dark value before the block, a lower bound of all in the block.
     counts : ndarray of int

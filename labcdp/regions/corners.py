@@ -30,7 +30,7 @@ def real_corners(corners: Corners, image: FloatImage) -> Corners:
     Parameters
     ----------
     corners : ndarray of float, shape (rows, columns, 2)
-        What a detector proposes.
+        Corners that a detector proposes.
     image : ndarray of float32, shape (height, width)
         Smoothed a little.
     """

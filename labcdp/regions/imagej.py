@@ -51,7 +51,7 @@ def parse_imagej(data: bytes, name: str) -> tuple[Shape, ...]:
     data : bytes
         The file.
     name : str
-        What a single region without a name of its own is called.
+        Name for a single region without a name of its own.
 
     Raises
     ------

@@ -159,7 +159,7 @@ def new_shapes(shapes: Iterable[Shape], known: Sequence[Shape]) -> tuple[Shape, 
     shapes : iterable of Shape
         Such as what a detection finds.
     known : sequence of Shape
-        What there is.
+        Shapes that exist already.
 
     Notes
     -----

@@ -74,7 +74,7 @@ class PolygonShape(_Named):
     Parameters
     ----------
     name : str
-        What messages and tables call the region.
+        Name of the region in messages and tables.
     corners : tuple of (float, float)
         At least three (x, y) corners in pixels, in order around the region.
     limits_cd_m2 : (float, float) or None
@@ -157,7 +157,7 @@ class RectangleShape(_TurnedBox):
     Parameters
     ----------
     name : str
-        What messages and tables call the region.
+        Name of the region in messages and tables.
     x, y : float
         Upper left corner before the rectangle is turned, in pixels; an image begins at (0, 0).
     width, height : float
@@ -223,7 +223,7 @@ class GridShape(_Box):
     Parameters
     ----------
     name : str
-        What the names of the regions begin with.
+        Start of the names of the regions.
     x, y : float
         Upper left corner of the whole grid in pixels.
     width, height : float

@@ -47,7 +47,7 @@ def result_workbook(result: Result, time: datetime) -> bytes:
     Parameters
     ----------
     result : Result
-        What to write.
+        The result to write.
     time : datetime
         Time of the content, with time zone, for the file's properties.
 

@@ -65,9 +65,9 @@ class Entry:
     time : datetime
         Host time it was written, with time zone.
     kind : str
-        What was recorded, for example ``frame``.
+        Kind of the record, for example ``frame``.
     content : dict
-        What is to be known about it, as values JSON can hold.
+        Content of the record, as values JSON can hold.
     check : str
         The line's check, in hexadecimal.
     file : StoredFile or None

@@ -152,7 +152,7 @@ class EventRecord:
     time : datetime
         When it was recorded.
     kind : str
-        What happened.
+        Kind of the event.
     content : dict
         More about it.
     file : StoredFile or None

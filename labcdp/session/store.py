@@ -87,7 +87,7 @@ class Session:
         path : path
             A folder that does not exist yet, or is empty.
         configuration : SessionConfiguration
-            What is going to be measured, with what.
+            Configuration: devices, target and plan.
         compress : bool
             Whether frames are compressed without loss; for a session that is to be small rather than quick.
         clock : Clock

@@ -42,13 +42,13 @@ def validated(model: type[Model], document: dict[str, Any], source: str, **conte
     Parameters
     ----------
     model : type of pydantic.BaseModel
-        What to make.
+        Model to make.
     document : dict
         The table.
     source : str
-        What messages call the document, usually its file.
+        Name of the document in messages, usually its file.
     **context
-        What validators of the model may need, for example the folder of the document.
+        Context for the validators of the model, for example the folder of the document.
 
     Raises
     ------

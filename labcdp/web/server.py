@@ -91,7 +91,7 @@ class Site:
     warn : function
         Receives errors of background work.
     lifetime_s : float
-        How long a disconnected tab can reconnect.
+        Time within which a disconnected tab can reconnect.
     results : function
         Return the folder that is served under ``/report/``, or None.
     """

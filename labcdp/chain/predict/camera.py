@@ -35,9 +35,9 @@ class CameraModel:
     sensor : Sensor
         The sensor.
     settings : ExposureSettings
-        How it is exposed.
+        Exposure settings.
     hdr : Hdr or None
-        How the exposures are merged; None for a single one.
+        Merge of the exposures; None for a single one.
     tone_curve : CodeCurve or None
         Encodes the merged DN, or the DN of a single exposure with its black level. The code is decoded again.
 

@@ -91,7 +91,7 @@ def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ..
     chain : Chain
         As for `predict_chain`.
     stage : str or None
-        Which stage, None for the last.
+        Name of the stage, None for the last.
 
     Returns
     -------

@@ -39,7 +39,7 @@ def merged_rows(
     Parameters
     ----------
     method : {"linear", "weighted"}
-        How the exposures are merged.
+        Merge method.
     ladder : ExposureLadder
         The exposures, at least two.
     exposures : sequence of sequence of csr_array

@@ -111,7 +111,7 @@ class ValueBins:
     values : ndarray, shape (k,)
         Middles of the bins, or their only values.
     exact : ndarray of bool, shape (k,)
-        Which bins hold a single value; over the others a probability is spread evenly.
+        Whether a bin holds a single value; over other bins a probability is spread evenly.
     """
 
     edges: FloatArray

@@ -64,7 +64,7 @@ class ValueTable:
         Yields
         ------
         chosen : ndarray of int
-            Which rates.
+            Indices of the rates.
         first : int
             First value that occurs.
         share : ndarray, shape (rates, m)

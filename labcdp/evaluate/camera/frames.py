@@ -47,7 +47,7 @@ class SessionFrames:
     patches : list of MeasuredFrames
         By region, in rising order of exposure.
     findings : tuple of Finding
-        What was left out.
+        Findings about frames that were left out.
     """
 
     state: CameraState

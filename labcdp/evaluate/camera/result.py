@@ -34,11 +34,11 @@ def result(characterisation: Characterisation, title: str = "", inputs: Sequence
     Parameters
     ----------
     characterisation : Characterisation
-        What to report.
+        The characterisation to report.
     title : str
-        What was characterised; empty for its source.
+        Title; empty for the source of the characterisation.
     inputs : sequence of InputFile
-        What it was made from.
+        Inputs it was made from.
     """
     height, width = characterisation.image_shape
     return Result(

@@ -48,7 +48,7 @@ class Question:
     epsilon : float
         Its relative tolerance.
     requirement : Requirement or None
-        What each chain must detect: then its luminances, contrast, conditions and tolerance are those of the question.
+        Requirement for each chain, which then gives luminances, contrast, conditions and tolerance of the question.
     """
 
     axes: tuple[Axis, ...] = (LUMINANCES,)
@@ -148,7 +148,7 @@ def compare_subjects(
     sources : sequence
         At least two.
     question : Question, ImageSettings or None
-        What chains or pictures are asked; None for CDP over the luminance.
+        Question to chains, or settings for pictures; None for CDP over the luminance.
     progress : callable or None
         Called with the number of cells of a chain's prediction that are done, and of all.
 

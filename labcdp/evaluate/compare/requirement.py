@@ -80,7 +80,7 @@ class Judged:
     margin : float
         CDP minus the limit.
     limit : str
-        What the CDP there is limited by.
+        Noise or loss that limits the CDP there.
     dominant : str
         Parameter whose uncertainty counts most.
     """

@@ -24,7 +24,7 @@ class Named(Uncertain):
     value, below, above, common, sources
         As of `Uncertain`.
     quantity, unit : str
-        What it is, and its unit; values in ``%`` are fractions.
+        Name of the quantity, and its unit; values in ``%`` are fractions.
     probability : bool
         Whether it is a CDP.
     """

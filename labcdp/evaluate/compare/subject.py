@@ -52,13 +52,13 @@ class Subject:
     kind : str
         ``chain``, ``sweep``, ``session``, ``calibration``, ``characterisation`` or ``picture``.
     name : str
-        What tables and figures call it.
+        Name in tables and figures.
     content : Chain, Dataset, Calibration or dict
-        What it is; of session, characterisation and picture the content of results.json.
+        Its content; of session, characterisation and picture that of results.json.
     inputs : tuple of InputFile
         Its files.
     settings : mapping
-        What it was made with, as nested values.
+        Settings it was made with, as nested values.
     simulated : bool
         Whether its data is simulated.
     """
@@ -80,7 +80,7 @@ def read_subjects(sources: Sequence[Any], pictures: ImageSettings | None = None)
         Each a path or name of a preset, or a `Chain`, map, session, calibration or result. Results of several pictures
         are as many subjects.
     pictures : ImageSettings or None
-        How pictures are evaluated.
+        Settings of the evaluation of pictures.
 
     Raises
     ------

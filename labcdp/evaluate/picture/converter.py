@@ -60,11 +60,11 @@ class PictureSource:
     unit, conversion : str
         ``cd/m²``, or ``relative`` without a scale; and how values became luminance.
     encoding : str
-        How the values of the file are taken to be encoded, such as ``sRGB``; a calibration has a response of its own.
+        Assumed encoding of the values of the file, such as ``sRGB``; a calibration has a response of its own.
     exposure_s, camera, simulated
         Exposure and camera, None where they are not known, and whether it is a simulated one.
     findings : tuple of Finding
-        What a user should know about file and conversion.
+        Findings about file and conversion.
     """
 
     path: Path
@@ -86,9 +86,9 @@ class Converter:
     Parameters
     ----------
     description : str
-        What it rests on, for reports.
+        Basis of the conversion, for reports.
     options : PictureOptions
-        What pictures to be converted are taken to be where their files do not say.
+        Assumptions about pictures whose files do not state them.
     specification : CameraSpecification or None
         Guessed parameters of the camera.
     calibration : Calibration, ColourCalibration or None
@@ -140,11 +140,11 @@ class Converter:
         shape : (int, int)
             Height and width of an image in pixels.
         readout : Readout or None
-            Which part of the sensor it shows.
+            Part of the sensor that it shows.
         statements : FileStatements
-            What its file states.
+            Statements of its file.
         encoding : str
-            How its values are encoded: a camera that develops its pictures may have corrected them.
+            Encoding of its values: a camera that develops its pictures may have corrected the vignetting.
         """
         options = self.options
         if options.no_vignetting or self.calibration is not None:
@@ -428,7 +428,7 @@ def make_converter(
     encoding : {'linear', 'srgb'}, name or file of a curve, Companding, or None
         How values are encoded, see `as_encoding`; None for what each file suggests, or the camera specification says.
     **stated
-        What the user states about the pictures, None for nothing; see `PictureOptions.given`.
+        Statements of the user about the pictures, None for nothing; see `PictureOptions.given`.
 
     Raises
     ------

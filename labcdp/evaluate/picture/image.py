@@ -27,7 +27,7 @@ class MeasuredPicture:
     file : str
         Its file, as it was given.
     source : PictureSource or None
-        What is known of it; None if it could not be evaluated.
+        Facts about the picture; None if it could not be evaluated.
     regions : tuple of RegionLight
         All regions, in the order of the settings.
     pairs : tuple of Pair
@@ -35,7 +35,7 @@ class MeasuredPicture:
     neighbours : NeighbourPair or None
         Of neighbouring pixels.
     findings : tuple of Finding
-        What a user should know.
+        Findings about the picture.
     number : int
         Its number, in the order the pictures were given.
     folder : str
@@ -73,9 +73,9 @@ def measure_picture(luminance: LuminanceMap, source: PictureSource, settings: Im
     luminance : LuminanceMap
         Its luminance.
     source : PictureSource
-        What is known of it.
+        Facts about the picture.
     settings : ImageSettings
-        What is to be evaluated.
+        Settings of the evaluation.
 
     Raises
     ------

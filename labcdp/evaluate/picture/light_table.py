@@ -237,7 +237,7 @@ def make_light_table(
     frame : Frame
         Of any camera, with its black level, exposure and gain, and temperature where it is known.
     encoding : str
-        How its DN are encoded.
+        Encoding of its DN.
     specification : CameraSpecification or None
         The parameters; None for relative light.
     f_number : float or None

@@ -37,7 +37,7 @@ class NeighbourPair:
     cdp : Cdp
         Of all contrasts.
     findings : tuple of Finding
-        What a user should know.
+        Findings about the pixels.
     """
 
     rectangle: Rectangle | None

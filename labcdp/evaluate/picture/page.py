@@ -41,7 +41,7 @@ def picture_page(
     Parameters
     ----------
     picture : MeasuredPicture
-        What was measured.
+        The measured picture.
     result : Result
         Of this picture alone.
     figures : sequence of ReportFigure

@@ -130,7 +130,7 @@ def summary_files(pictures: Sequence[MeasuredPicture], result: Result, conversio
     result : Result
         Of all of them.
     conversion : str
-        How values became luminance.
+        Description of the conversion to luminance.
     """
     files = {"results.json": envelope_json(result).encode(), "results.xlsx": result_workbook(result, datetime.now(UTC))}
     if len(pictures) > 1:

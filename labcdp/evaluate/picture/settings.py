@@ -43,9 +43,9 @@ class ImageSettings:
     cdp_limit : float
         CDP from which a contrast counts as detected.
     requirement : Requirement or None
-        What the pairs are judged by; contrast, tolerance and limit are then its own.
+        Requirement by which pairs are judged, with contrast, tolerance and limit of its own.
     converter : Converter
-        How values become light; relative by default.
+        Converter of values to luminance; relative by default.
     image_size : (int, int) or None
         Width and height of the image the regions were drawn on, which must be those of the pictures; None if unknown.
     inputs : tuple of InputFile

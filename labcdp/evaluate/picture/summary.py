@@ -208,7 +208,7 @@ def overview_page(result: Result, pictures: Sequence[MeasuredPicture], conversio
     pictures : sequence of MeasuredPicture
         In the order they were given.
     conversion : str
-        How their values became luminance.
+        Description of the conversion to luminance.
     """
     failed = sum(picture.source is None for picture in pictures)
     pages = {

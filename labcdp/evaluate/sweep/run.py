@@ -122,13 +122,13 @@ def run_sweep(
     Parameters
     ----------
     sweep : Sweep
-        What to run.
+        The sweep to run.
     folder : path, ResultsFolder or None
         Where finished cells are kept in a journal; the same sweep started again resumes there. None keeps nothing.
     progress : callable or None
         Called with the number of cells done and in total.
     workers : Workers or None
-        What calculates the cells; None for a thread a core. Results are the same with any.
+        Workers that calculate the cells; None for a thread a core. Results are the same with any.
 
     Returns
     -------

@@ -32,7 +32,7 @@ class PublishedRow:
     Parameters
     ----------
     label : str
-        What the thesis calls it.
+        Name in the thesis.
     contrast : float
         Weber contrast, a fraction.
     luminance_cd_m2 : float

@@ -123,7 +123,7 @@ def compare_pair(
     Parameters
     ----------
     pair : PairRequest
-        What to compare.
+        The pair to compare.
     seen : (CameraPatch, CameraPatch)
         Measured luminances.
     predicted : (RegionPrediction, RegionPrediction)

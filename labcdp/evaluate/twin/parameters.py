@@ -61,7 +61,7 @@ class TwinParameters:
     bits, pixel_pitch_m, gain_db : int, float, float
         Bits of the converter, distance of pixel centres, and gain of the session.
     findings : tuple of Finding
-        What the twin cannot represent, or assumes.
+        Findings about effects that the twin cannot represent, or assumes.
     library : DarkLibrary or None
         Subtracted from the frames at the exposures where it removes more than it adds. Its own noise, the same in every
         frame, remains.

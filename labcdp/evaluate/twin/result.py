@@ -32,7 +32,7 @@ def twin_result(
     Parameters
     ----------
     evaluation : TwinEvaluation
-        What to report.
+        The evaluation to report.
     inputs : sequence of InputFile
         Inputs of the comparison.
     options : dict

@@ -61,7 +61,7 @@ class ArchiveTask:
     folder : Path
         For its results; no other video's.
     part : str
-        Which part of the evaluation, such as a pair of regions; empty for the only one.
+        Name of the part of the evaluation, such as a pair of regions; empty for the only one.
     seen : tuple of (str, int, int)
         Name, size and time of change (in ns) of the video, or of each file in its folder; none if it is not there.
     """
@@ -211,7 +211,7 @@ def evaluate_archive(
     settings : mapping
         All inputs of the results other than the video; JSON.
     workers : Workers or None
-        What evaluates them; None for a process a core.
+        Workers that evaluate the videos; None for a process a core.
     progress : callable or None
         Called with the number of videos done and in total.
     force : bool

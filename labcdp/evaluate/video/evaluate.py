@@ -55,7 +55,7 @@ def evaluate_video(
     path : str or Path
         A file that FFmpeg reads, a TIFF of several pages, a folder of images, or a recorded session.
     settings : VideoSettings
-        What is to be evaluated.
+        Settings of the evaluation.
     folder : path, ResultsFolder or None
         For the journal, in which each frame's results are as soon as they are known: the same evaluation resumes an
         interrupted one with the same result. None for none.

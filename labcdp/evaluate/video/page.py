@@ -160,7 +160,7 @@ def write_video(dataset: Dataset, folder: Destination) -> Result:
     Returns
     -------
     Result
-        What results.json says.
+        Result as in results.json.
 
     Raises
     ------

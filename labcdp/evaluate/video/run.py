@@ -79,12 +79,12 @@ class TrackedFrame(NamedTuple):
 class PartRun:
     """Evaluates frames for a pair of regions, or nearest neighbours; what is in the journal is not done again.
 
-    What the first frame measures may be what is to be detected in the others.
+    The first frame may measure the contrast that is to be detected in the others.
 
     Parameters
     ----------
     settings : VideoSettings
-        What is to be evaluated.
+        Settings of the evaluation.
     converter : Converter
         Of frames to light.
     reference : VideoReference or None

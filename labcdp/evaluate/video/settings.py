@@ -52,16 +52,16 @@ class VideoSettings:
     rois : tuple of Roi
         The two regions in the first frame of the selection; none for nearest-neighbour CDP.
     method : str
-        How the regions are followed: one of `labcdp.tracking.METHODS`, or as `labcdp.tracking.methods_of` takes it.
+        Tracking method: one of `labcdp.tracking.METHODS`, or as `labcdp.tracking.methods_of` takes it.
     epsilon : float or DetectionInterval
         Tolerance of the contrasts.
     reference : float, 'first', Path or None
         Contrast that each frame is compared with besides: a measured one, that of the first frame in which the regions
         are seen, or that in the results of another video, for the frame of the same number or time.
     reference_by : {'number', 'time'}
-        How the frames of the other video are matched.
+        Whether the frames of the other video are matched by number or time.
     selection : Selection
-        Which frames.
+        Frames that are evaluated.
     calibration, camera : Path or None
         Calibration file, or camera specification; at most one. Neither for relative values.
     encoding : {'linear', 'srgb'} or None
@@ -77,7 +77,7 @@ class VideoSettings:
     cdp_limit : float
         CDP from which a contrast counts as detected in a frame.
     requirement : Requirement or None
-        What the pair is judged by; contrast, tolerance and limit are then its own.
+        Requirement by which the pair is judged, with contrast, tolerance and limit of its own.
 
     Raises
     ------

@@ -43,7 +43,7 @@ class Sums(NamedTuple):
     Parameters
     ----------
     counts : ndarray of int64, shape (n,)
-        How many pairs are above each class.
+        Number of pairs above each class.
     near : ndarray of int64, shape (k,)
         Sum of the products of each mark with itself and its eight neighbours.
     rows, columns : ndarray of int64, shape (k, height), and ndarray of uint32, shape (k, width)
@@ -68,7 +68,7 @@ def sum_marks(dn: NDArray[np.uint8], pairs: Pairs, sums: Sums) -> None:
     dn : ndarray of uint8, shape (height, width)
         The image, contiguous, with at least two columns; each pixel has a pair with its right and its lower neighbour.
     pairs : Pairs
-        What is looked up.
+        Classes of pairs, and the classes inside each interval.
     sums : Sums
         0 at first; are filled.
     """

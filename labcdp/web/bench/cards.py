@@ -285,7 +285,7 @@ class Plots:
     Parameters
     ----------
     bench : LiveBench
-        What they show.
+        The bench whose values they show.
     """
 
     def __init__(self, bench: LiveBench) -> None:

@@ -36,7 +36,7 @@ class MeterReading:
     time : datetime
         When it was taken, with time zone.
     origin : str
-        Which meter, or that it was typed.
+        Meter, or that the reading was typed.
     luminance_cd_m2 : float
         Reading of the meter, mean of several, or what a person typed.
     region : str
@@ -96,7 +96,7 @@ class Snapshot:
     contrast, contrast_u : float or None
         Measured contrast and its standard uncertainty, fractions; None if it is not known, as of saturated regions.
     target_contrast, epsilon : float
-        What was to be detected, fractions.
+        Target contrast and tolerance, fractions.
     cdp, low, high : float or None
         Its CDP with the 95 % interval; None of saturated regions.
     verdict : str
@@ -165,7 +165,7 @@ class Day:
     readings : tuple of MeterReading
         Also deleted ones.
     snapshots : tuple of Snapshot
-        What a person noted.
+        Snapshots that a person noted.
     settings : tuple of SettingsInForce
         One for each change.
     """

@@ -38,7 +38,7 @@ class BenchOfPage:
     meter : Meter or None
         Open.
     plan : SessionConfiguration or None
-        What is to be recorded.
+        Configuration of the session to record.
     hands : Operator or None
         The simulated bench, which does what a person does at a real one.
     begun : function of a session

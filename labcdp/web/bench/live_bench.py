@@ -57,7 +57,7 @@ class LiveBench:
     server : Server
         Runs the page.
     target : Target
-        What is to be detected of pairs that the plan says nothing about.
+        Target contrasts and tolerance of pairs that are not in the plan.
     planned : sequence of PlannedPair
         Pairs that are shown at a glance.
     log : DayLog

@@ -196,7 +196,7 @@ class PlannedPair:
     first, second : str
         Names of the regions.
     target : Target
-        What is to be detected.
+        Target contrasts and tolerance.
     """
 
     first: str

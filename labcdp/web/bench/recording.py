@@ -38,7 +38,7 @@ class OperatorQuestion:
     answers : tuple of str
         Labels of the buttons; the first one continues.
     findings : tuple of str
-        What was found and why it is asked.
+        Findings that led to the question.
     typed : bool
         Whether the answer is typed instead.
     """

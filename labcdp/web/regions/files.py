@@ -122,7 +122,7 @@ class Start:
     stored : str
         Fingerprint of the output when it was read; empty if there was none.
     kept : tuple of Shape
-        What an earlier run did not save, and the drawing resumes with.
+        Shapes that an earlier run did not save, with which the drawing resumes.
     """
 
     history: History

@@ -248,7 +248,7 @@ def video_image(path: Path, at: Position, converter: Converter) -> PageImage:
     path : Path
         Video file, folder of numbered images, or recorded session.
     at : Position
-        Which frame; for a time, the first one at or after it.
+        Frame to show; for a time, the first one at or after it.
     converter : Converter
         Conversion from DN to light, with camera settings missing in the video.
 

@@ -24,7 +24,7 @@ class NumberField(pn.viewable.Viewer):  # type: ignore[misc]
     Parameters
     ----------
     name : str
-        What the label says; the unit follows in brackets.
+        Text of the label; the unit follows in brackets.
     limits : (float, float)
         Least and greatest number.
     value : float, int or None
@@ -107,7 +107,7 @@ class Widgets:
     Parameters
     ----------
     workspace : Workspace
-        What is said to the person at the tab.
+        State of the page; its notice is shown at the tab.
     may_change : function
         Whether the tab may change anything now.
     """
@@ -125,7 +125,7 @@ class Widgets:
     def field(self, kind: str, name: str, action: Callable[[Any], object] | None = None, **options: Any) -> Any:
         """Return a widget of Panel; `action` gets a new value of a person, if the tab may change anything.
 
-        What an action raises is said of the field, until it takes another value.
+        An error of an action is shown at the field until it takes another value.
         """
         widget = getattr(pn.widgets, kind)(name=name, **options)
 

@@ -163,13 +163,13 @@ def map_edges(
     regions : MapRegions
         The regions.
     near : Neighbours
-        Which of them share a border.
+        Pairs of regions that share a border.
     errors : sequence of ndarray of float, shape (number of regions,)
         Independent errors that all regions share: relative error of each region for one standard uncertainty.
     noise : MapNoise
-        What their noise is like.
+        Noise of the image.
     settings : ContrastMapSettings
-        How they are judged.
+        Settings by which edges are judged.
     scene : MapRegions, float or None
         Known of the scene: the same regions without what took contrast, the contrast of its objects, or nothing.
     smooth : sequence of ndarray of float, shape (number of regions,)

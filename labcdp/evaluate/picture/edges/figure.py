@@ -47,7 +47,7 @@ class EdgeStyle:
     Parameters
     ----------
     kinds : tuple of EdgeKind
-        Which ones.
+        Kinds of edges drawn in this style.
     meaning : str
         What they are, for legends; with the minimum contrast and the CDP of a detected edge to be filled in.
     colour : str

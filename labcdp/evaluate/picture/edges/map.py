@@ -34,17 +34,17 @@ class ContrastMap:
     luminance : LuminanceMap
         The image.
     settings : ContrastMapSettings
-        How it was judged.
+        Settings by which it was judged.
     regions : MapRegions
         Its superpixels.
     near : Neighbours
-        Which of them share a border, and where; rows as in `edges`.
+        Pairs of regions that share a border, and the border; rows as in `edges`.
     edges : MapEdges
         Their contrasts.
     noise : MapNoise
-        What the noise is like.
+        Noise of the image.
     findings : tuple of Finding
-        What a user should know.
+        Findings about the map.
     has_reference : bool
         Whether edges are asked for the contrast of another image of the scene.
     others : tuple of ContrastMap

@@ -87,7 +87,7 @@ def map_page(edge_map: ContrastMap, drawn: Drawn, source: PictureSource, result:
     drawn : dict of ContrastMap to ndarray of uint8, shape (height, width, 3)
         Overlays, of the map at each contrast that is drawn.
     source : PictureSource
-        What it was made from.
+        Picture it was made from.
     result : Result
         Its numbers.
 

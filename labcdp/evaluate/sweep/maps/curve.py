@@ -40,7 +40,7 @@ class SectionCurve:
     places, values, cdp : ndarray of float, shape (n,)
         Places on the axis, in rising order; a variable there, and CDP.
     noise : ndarray of float, shape (n,)
-        What noise may add to a value or take from it; that of a difference is the root of the sum of the squares.
+        Largest change of each value by noise; that of a difference is the root of the sum of the squares.
     """
 
     axis: MapAxis
@@ -60,7 +60,7 @@ class SectionCurve:
         axis : MapAxis
             That axis.
         variable : str
-            What the curve is of.
+            Name of the variable.
         margin : float
             Standard errors that noise may add or take.
         """

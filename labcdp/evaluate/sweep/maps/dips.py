@@ -27,7 +27,7 @@ class SnrDip:
     at : dict of str to (float or str)
         Values of the other parameters.
     variable : str
-        What dips.
+        Name of the variable that dips.
     start, position : float
         Where it is highest before the fall and lowest after it, in the unit of the axis.
     highest : float

@@ -225,7 +225,7 @@ def isolines(
     levels : sequence of float
         Values of the variable, each finite.
     variable : str
-        What to follow.
+        Name of the variable.
 
     Returns
     -------

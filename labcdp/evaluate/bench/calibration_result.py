@@ -225,7 +225,7 @@ def _patch_table(calibration: AnyCalibration) -> Table:
         Column("y_px", "y", "px", "Centre of the patch in the image.", decimals=0, value=lambda row: row.centre_px[1]),
         EXPOSURES,
     )  # fmt: skip
-    note = f"{WITH_SCALE} {page_text('uncertainty-in-short')}"
+    note = f"{WITH_SCALE} z is the residual of the fit over its u. {page_text('uncertainty-in-short')}"
     table = Table.of_items("calibration_patches", "Patches of the calibration", columns, rows, note, True)
     return table.sorted_by("meter_cd_m2")
 

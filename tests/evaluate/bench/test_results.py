@@ -266,6 +266,17 @@ def test_a_patch_has_one_luminance_and_one_u(recorded, filtered, tmp_path):
         )
 
 
+def test_a_calibration_of_an_older_file_states_no_u_of_its_patches(evaluated):
+    unknown = {"u_rel": None, "U_rel": None, "dof": None, "reading_U_rel": None}
+    rows = tuple(replace(row, **unknown) for row in evaluated.calibration.residuals)
+    result = session_result(replace(evaluated, calibration=replace(evaluated.calibration, residuals=rows)))
+    names = "expanded_camera_cd_m2", "u_camera_cd_m2", "expanded_rel", "coverage_factor", "expanded_meter_cd_m2"
+    for row in result.table("calibration_patches").rows():
+        assert [row[name] for name in names] == [None] * 5
+        assert row["deviation_rel"] == pytest.approx(row["camera_cd_m2"] / row["meter_cd_m2"] - 1, abs=1e-12)
+    assert session_files(evaluated, result)["report.html"]
+
+
 def test_a_verification_states_the_same_u_of_the_meter(evaluated):
     observed = evaluated.observed
     seen = observed.by_plane, observed.darks_by_plane, observed.readings

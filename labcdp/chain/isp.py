@@ -195,7 +195,10 @@ class PiecewiseLinear(CodeCurve):
 
     @cached_property
     def _companding(self) -> Companding:
-        return shipped_curve(self.curve) if self.curve else Companding("codes", self.codes, self.values, self.bits)
+        if self.curve:
+            return shipped_curve(self.curve)
+        # A chain has its black level elsewhere.
+        return Companding("codes", self.codes, self.values, self.bits, black_value=min(self.values, default=0.0))
 
     def encode(self, dn: ArrayLike) -> NDArray[np.uint16]:
         """Return the nearest codes of DN of any shape, whole or not; DN below the first knee have the code 0."""

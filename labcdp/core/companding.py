@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
@@ -32,7 +33,7 @@ class Companding:
     bits : int
         Bits of a code, 1 to 16.
     black_value : float
-        Linear value without light.
+        Linear value without light, on the curve.
     black_code : float
         Code without light, if the black level is added behind the curve; knees are codes without it.
     shift : int
@@ -43,7 +44,8 @@ class Companding:
     Raises
     ------
     InputError
-        If the knees do not rise, leave the range of the codes, or are fewer than two.
+        If the knees do not rise, leave the range of the codes, or are fewer than two, if the black level is not on the
+        curve, or if something is no number, or not whole where it must be.
 
     Examples
     --------
@@ -63,6 +65,20 @@ class Companding:
     embedded_rows: tuple[int, int] = (0, 0)
 
     def __post_init__(self) -> None:
+        for what in ("codes", "values", "embedded_rows"):
+            object.__setattr__(self, what, self._numbers(what))
+        for what in ("bits", "shift", "black_value", "black_code"):
+            object.__setattr__(self, what, self._number(getattr(self, what), what))
+        if not (isinstance(self.bits, int) and 1 <= self.bits <= 16 and isinstance(self.shift, int)):
+            raise InputError(
+                f"bits and shift of the curve {shown(self.name)} are {self.bits:g} and {self.shift:g}: give whole "
+                "numbers, and 1 to 16 bits"
+            )
+        if len(self.embedded_rows) != 2 or not all(isinstance(rows, int) and rows >= 0 for rows in self.embedded_rows):
+            raise InputError(
+                f"embedded_rows of the curve {shown(self.name)} is {shown(self.embedded_rows)}: give the numbers of "
+                "rows above and below the image, (0, 0) for none"
+            )
         n, top = len(self.codes), 2**self.bits - 1
         if n < 2 or len(self.values) != n:
             raise InputError(
@@ -84,6 +100,27 @@ class Companding:
             )
         if not 0 <= self.shift <= 16 - self.bits:
             raise InputError(f"shift is {self.shift}: give 0 to {16 - self.bits} bits, as a file has 16 at most")
+        if not self.values[0] <= self.black_value < self.values[-1]:
+            raise InputError(
+                f"black_value of the curve {shown(self.name)} is {self.black_value:g}: give a linear value from that "
+                f"of the first knee, {self.values[0]:g}, to below that of the last, {self.values[-1]:g}"
+            )
+        if not 0 <= self.black_code <= top:
+            raise InputError(
+                f"black_code of the curve {shown(self.name)} is {self.black_code:g}: give a code from 0 to {top}"
+            )
+
+    def _numbers(self, what: str) -> tuple[Any, ...]:
+        """Return numbers as a tuple, with which the curve can be kept by caches."""
+        given = getattr(self, what)
+        given = [given] if isinstance(given, str) or not isinstance(given, Iterable) else given
+        return tuple(self._number(value, what) for value in given)
+
+    def _number(self, value: Any, what: str) -> Any:
+        if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.number):
+            raise InputError(f"{what} of the curve {shown(self.name)} has {shown(value)}: give numbers")
+        plain = value.item() if isinstance(value, np.number) else value
+        return int(plain) if isinstance(plain, float) and plain.is_integer() and abs(plain) < 2**53 else plain
 
     @property
     def file_bits(self) -> int:

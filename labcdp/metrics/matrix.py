@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..core.disk.files import shown
 from ..core.errors import InputError
 from .contrast import Epsilon, detected_ratios, weber_contrast
 from .detection import NoisyRegion, cdp_inflation
@@ -174,7 +175,7 @@ class _Patch:
 
 
 def _patches(regions: Mapping[str, ArrayLike] | Sequence[ArrayLike] | NDArray[Any]) -> list[_Patch]:
-    if not isinstance(regions, Mapping | Sequence | np.ndarray) or isinstance(regions, str):
+    if not isinstance(regions, Mapping | Sequence | np.ndarray) or isinstance(regions, str | bytes):
         raise InputError(f"regions is {type(regions).__name__}: give arrays of pixels by name, or a list of them")
     if not isinstance(regions, Mapping):
         regions = {str(number): pixels for number, pixels in enumerate(regions, start=1)}
@@ -182,6 +183,8 @@ def _patches(regions: Mapping[str, ArrayLike] | Sequence[ArrayLike] | NDArray[An
         raise InputError(f"{len(regions)} regions are given: give two or more, by name or as a list")
     patches, start = [], 0
     for name, pixels in regions.items():
+        if not isinstance(name, str | int):
+            raise InputError(f"{shown(name)} is no name of a region: give text or a whole number")
         distribution = Distribution.from_array(pixels, f"region {name!r}")
         image, noisy = np.asarray(pixels, dtype=np.float64), None
         if image.ndim == 2 and min(image.shape) > 1:
@@ -223,10 +226,12 @@ def _stated_contrasts(values: Mapping[str, float], patches: Sequence[_Patch]) ->
     missing = [patch.name for patch in patches if patch.name not in values]
     if missing:
         raise InputError(f"no value is stated for region {missing[0]!r}: give one for each region")
+    for patch in patches:
+        value = values[patch.name]
+        is_number = np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
+        if not (is_number and isfinite(value) and value > 0):
+            raise InputError(f"the value stated for region {patch.name!r} is {shown(value)}: give a number above 0")
     stated = np.array([values[patch.name] for patch in patches], dtype=np.float64)
-    for patch, value in zip(patches, stated, strict=True):
-        if not (isfinite(value) and value > 0):
-            raise InputError(f"the value stated for region {patch.name!r} is {value}: give a number above 0")
     return weber_contrast(stated[:, None], stated)
 
 

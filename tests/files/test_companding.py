@@ -155,6 +155,21 @@ def _contrast(folder):
         ({"codes": (0, 10)}, "both of two knees"),
         ({"shift": 5}, "give 0 to 4 bits"),
         ({"values": (0, float("nan"), 20)}, "rising order"),
+        ({"values": (0, "10", 20)}, "has '10': give numbers"),
+        ({"bits": 12.5}, "1 to 16 bits"),
+        ({"bits": 17}, "1 to 16 bits"),
+        ({"bits": True}, "has True: give numbers"),
+        ({"shift": 0.5}, "whole numbers"),
+        ({"embedded_rows": (-1, 2)}, "embedded_rows"),
+        ({"embedded_rows": (1, 2, 3)}, "embedded_rows"),
+        ({"embedded_rows": 2}, "embedded_rows"),
+        # A black level beside the curve would not be subtracted, as no code stands for it.
+        ({"black_value": -100.0}, "from that of the first knee, 0"),
+        ({"values": (64, 100, 200)}, "from that of the first knee, 64"),
+        ({"black_value": 100}, "to below that of the last, 100"),
+        ({"black_value": float("inf")}, "black_value"),
+        ({"black_value": float("nan")}, "black_value"),
+        ({"black_code": -1}, "black_code"),
     ],
 )
 def test_a_curve_that_is_none_is_refused_in_a_line(tmp_path, knees, message):
@@ -177,6 +192,14 @@ def test_a_file_of_a_curve_names_the_key(tmp_path, text, message):
     with pytest.raises(ConfigurationError, match=message) as raised:
         load_curve(tmp_path / "curve.toml")
     assert "curve.toml" in str(raised.value)
+
+
+@pytest.mark.parametrize("kind", [list, np.array])
+def test_knees_may_be_lists_or_arrays(tmp_path, kind):
+    curve = Companding("mine", kind([0, 2048, 3040, 4000]), kind([0, 2048, 65536, 1048576]), bits=np.uint8(12))
+    codes = file_of(tmp_path, np.full((20, 30), 3000, np.uint16))
+    expected = np.asarray(labcdp.read_image(codes, encoding="AR0231").luminance)
+    assert np.array_equal(np.asarray(labcdp.read_image(codes, encoding=curve).luminance), expected)
 
 
 def test_files_without_codes_are_refused(tmp_path):

@@ -234,6 +234,11 @@ REFUSED = [
     ({"contrast": [[0.1]]}, r"contrast has the shape \(1, 1\): give a number, a list, or stated values of the regions"),
     ({"contrast": {"1": 2.0}}, "no value is stated for region '2': give one for each region"),
     ({"contrast": {"1": 2.0, "2": 0.0}}, "the value stated for region '2' is 0.0: give a number above 0"),
+    ({"contrast": {"1": "2x", "2": 1.0}}, "the value stated for region '1' is '2x': give a number above 0"),
+    ({"contrast": {"1": [2.0], "2": 1.0}}, r"the value stated for region '1' is \[2.0\]: give a number above 0"),
+    ({"contrast": {"1": True, "2": 1.0}}, "the value stated for region '1' is True: give a number above 0"),
+    ({"regions": {(1, 2): [1.0], (1, 3): [2.0]}}, r"\(1, 2\) is no name of a region: give text or a whole number"),
+    ({"regions": b"abc"}, "regions is bytes: give arrays of pixels by name, or a list of them"),
     ({"contrast": None, "epsilon": 0}, "epsilon is 0: give a fraction above 0, up to 1"),
 ]
 

@@ -272,7 +272,8 @@ class Hdr(Parameters):
             longest.saturation_dn - longest.black_level_dn,
             longest.k_dn_per_e,
         )
-        exposures_dn = [capture.dn - capture.black_level_dn for capture in ordered]
+        # Of a whole number, values below black level would wrap around.
+        exposures_dn = [capture.dn - float(capture.black_level_dn) for capture in ordered]
         return replace(
             longest,
             dn=merge_dn(self.method, self.bits, exposures_dn, ladder),

@@ -75,6 +75,18 @@ def moments(method, electrons):
     return mean, sqrt(float((share * (merged - mean) ** 2).sum()))
 
 
+@pytest.mark.parametrize("method", ["normal", "linear", "weighted"])
+def test_values_below_a_whole_black_level_do_not_wrap_around(method):
+    captures = [
+        capture(np.array([62, 65], np.uint16), exposure_s, black_level_dn=black_level_dn)
+        for black_level_dn in (64, 64.0)
+        for exposure_s in EXPOSURES_S
+    ]
+    whole, real = (Hdr(method, bits=16).merge(pair).dn for pair in (captures[:3], captures[3:]))
+    assert np.array_equal(whole, real)
+    assert whole.max() < 100
+
+
 def test_fading_has_no_bias_and_no_step_in_snr():
     for electrons in (5.0, 400.0, 520.0, 700.0, 850.0, 980.0, 1050.0):
         assert moments("weighted", electrons)[0] == pytest.approx(electrons, rel=1e-9)

@@ -161,12 +161,12 @@ class PiecewiseLinear(CodeCurve):
     codes, values : tuple of float
         Knees: codes, and their DN, both rising.
     bits : int
-        Bits of a code, 1 to 16.
+        Bits of a code, 1 to 16; with a curve its own.
 
     Raises
     ------
     InputError
-        If there is no such curve, both or neither are given, or the knees are none of a curve.
+        If there is no such curve, it has other bits, both or neither are given, or the knees are none of a curve.
 
     Examples
     --------
@@ -191,7 +191,12 @@ class PiecewiseLinear(CodeCurve):
             object.__setattr__(self, name, tuple(knees))
         if not isinstance(self.curve, str) or bool(self.curve) == bool(self.codes or self.values):
             raise InputError(f"curve is {shown(self.curve)}: give a curve's name, or codes and values", key="curve")
-        self._companding  # noqa: B018 - refuses knees that are none of a curve
+        if self.bits != self._companding.bits:
+            raise InputError(
+                f"bits is {self.bits}, but codes of the curve {self.curve} have {self._companding.bits}: leave bits "
+                "out, or give codes and values",
+                key="bits",
+            )
 
     @cached_property
     def _companding(self) -> Companding:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.companding import Companding
 from ..core.result import Finding, FindingValue, warning
 from .stored_image import SCREEN_BITS
 from .transfer import Encoding, decoded, encoding_name
@@ -197,11 +198,15 @@ def doubts_of(
         Whether they are grey values of which neither a black level nor a colour filter is known.
     """
     counts = histogram_of(values) if histogram is None else histogram
+    if as_stored and isinstance(encoding, Companding):
+        # The curve makes colours of bright places alike.
+        values = encoding.light(encoding.file_bits).astype(np.float32)[values]
     mosaic = mosaic_of(values) if as_stored else ""
     if mosaic and other_encoding is not None:
         # Nobody develops a picture behind its colour filter.
         encoding, other_encoding = "linear", None
-    black_dn = _black_dn(counts, top_dn) if as_stored and encoding == "linear" else None
+    has_no_black = encoding == "linear" or (isinstance(encoding, Companding) and encoding.black_dn == 0)
+    black_dn = _black_dn(counts, top_dn) if as_stored and has_no_black else None
     return Doubts(encoding, other_encoding, black_dn, mosaic, *_halves(counts, top_dn), (black_dn or 0.0) / top_dn)
 
 
@@ -221,7 +226,7 @@ def encodings(
     return "linear", "srgb" if for_screens else None
 
 
-def mosaic_of(values: NDArray[np.unsignedinteger[Any]]) -> str:
+def mosaic_of(values: NDArray[Any]) -> str:
     """Return which patterns of a colour filter grey values may lie behind; empty for none.
 
     The four pixels of groups of 2 x 2 are alike in most places of pictures. Behind a filter those of green are, on a
@@ -229,7 +234,7 @@ def mosaic_of(values: NDArray[np.unsignedinteger[Any]]) -> str:
 
     Parameters
     ----------
-    values : ndarray of int, shape (height, width)
+    values : ndarray of int or float, shape (height, width)
         The pixels.
     """
     height, width = (length // 2 * 2 for length in values.shape)

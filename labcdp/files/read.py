@@ -23,7 +23,7 @@ from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
 from ..core.result import Finding, info, warning
 from ..core.vignetting import Lens
-from .doubts import BLACK_LEVEL, ENCODING, doubts_of, encodings, histogram_of
+from .doubts import BLACK_LEVEL, ENCODING, doubts_of, encodings, histogram_of, mosaic_of
 from .frame import (
     IMAGE_SUFFIXES,
     NO_EXPOSURE_S,
@@ -38,7 +38,7 @@ from .frame import (
 from .kinds import EXR, HEAD_BYTES, JPEG, NPY, PNG, TIFF, ZIP, no_picture
 from .picture import Picture, PictureOptions, with_overrides
 from .statements import NOTHING_STATED, FileStatements
-from .stored_image import MOST_BITS, Stored, decoded_by_table, grey_finding, luminance_dn
+from .stored_image import INTEGERS, MOST_BITS, Stored, decoded_by_table, grey_finding, luminance_dn
 from .transfer import Encoding, encoding_name
 
 #: Codes of what is said of an encoding that was not given.
@@ -263,9 +263,13 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
             light_is_cd_m2=is_cd_m2,
             exposure_known=exposure_known,
         )
-    if values.dtype.itemsize > 2:
-        return _of_many_bits(values, path, sha256, statements, options, findings, exposure_known)
-    if (given_bits := options.override("bit_depth")) is not None and given_bits > 16:
+    given_bits = options.override("bit_depth") or 0
+    is_wide = any(finding.code == INTEGERS for finding in statements.changes)
+    # Of a series, dark pictures have as many bits as the others.
+    if values.dtype.itemsize > 2 or (is_wide and given_bits > 16):
+        findings = [finding for finding in findings if finding.code != INTEGERS]
+        return _of_many_bits(values.astype(np.uint32), path, sha256, statements, options, findings, exposure_known)
+    if given_bits > 16:
         raise InputError(f"{path} has values of {statements.bits} bits, not of {given_bits}: give 1 to 16")
     coloured, scale = values.ndim == 3, scale_of(values, statements.bits, options, str(path))
     bits, guessed_by = scale.bits, None
@@ -284,7 +288,8 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
         encoding = usual if in_colours else options.assumed_encoding or likely
         other = other if encoding == likely else likely
     bare = not coloured and _is_bare(statements, options)
-    doubts = doubts_of(values, saturation_dn, encoding, other, counts, as_stored=bare)
+    top_dn = 2.0**scale.bits - 1 if isinstance(encoding, Companding) else saturation_dn
+    doubts = doubts_of(values, top_dn, encoding, other, counts, as_stored=bare)
     encoding, clipped, white_dn = doubts.encoding, None, statements.white_dn
     by_table = table is not None and options.encoding is None
     if table is not None and options.encoding is None:
@@ -339,15 +344,17 @@ def _of_many_bits(
     black_dn, saturation_dn = options.override("black_level_dn") or 0.0, options.saturation_dn or 2**bits - 1
     light = ((values - float(black_dn)) / 2.0**bits).astype(np.float32)
     # These options counted here, and are not for floats alone.
-    known = replace(options, overrides=options.overrides - {"bit_depth", "black_level_dn", "encoding"})
-    more = info("many-bits", bits=bits) if bits == stated else warning("many-bits-guessed", bits=bits)
+    known = replace(options, overrides=options.overrides - {"bit_depth", "black_level_dn", "encoding", "bayer"})
+    more = [info("many-bits", bits=bits) if bits == stated else warning("many-bits-guessed", bits=bits)]
+    if mosaic := options.override("bayer") or mosaic_of(values):
+        more.append(warning("many-bits-mosaic", mosaic=mosaic))
     return _made(
         path,
         sha256,
         statements,
         known,
         light=light,
-        findings=(*findings, more),
+        findings=(*findings, *more),
         exposure_known=exposure_known,
         step=2.0**-bits,
         saturated=values >= saturation_dn,
@@ -398,7 +405,10 @@ def _is_of_sensor(coloured: bool, statements: FileStatements, options: PictureOp
 
 def _is_bare(statements: FileStatements, options: PictureOptions) -> bool:
     """Whether neither black level nor colour filter is known of grey values."""
-    known = statements.black is not None or statements.light_table is not None or options.black_level_dn is not None
+    # That a curve has a black level says nothing of a colour filter.
+    by_curve = isinstance(options.encoding, Companding)
+    has_black = (options.override("black_level_dn") if by_curve else options.black_level_dn) is not None
+    known = statements.black is not None or statements.light_table is not None or has_black
     has_filter = options.pixel_format is not None and pixel_format(options.pixel_format).colour_filter is not None
     return not (known or has_filter or options.bayer)
 

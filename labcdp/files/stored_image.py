@@ -65,6 +65,8 @@ MAX_PIXELS = 250_000_000
 
 #: Bits of linear values: float32 holds them without rounding.
 MOST_BITS = 24
+#: Code of what is said of values of up to 16 bits in a wider type.
+INTEGERS = "integers-as-dn"
 
 
 #: Values of an image file, uint8, uint16, uint32 or float32, shape (height, width) or (height, width, 3); and what the
@@ -144,7 +146,7 @@ def whole_numbers(values: NDArray[Any], path: Path) -> tuple[NDArray[Any], int, 
         )
     if high > 65535:
         return values.astype(np.uint32), 32, ()
-    return values.astype(np.uint16), 16, (info("integers-as-dn", type=values.dtype.name),)
+    return values.astype(np.uint16), 16, (info(INTEGERS, type=values.dtype.name),)
 
 
 def real_numbers(values: NDArray[Any], path: Path) -> NDArray[np.float32]:

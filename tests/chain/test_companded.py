@@ -72,6 +72,7 @@ def test_each_code_begins_where_it_says(curve):
         ({}, "curve is '': give a curve's name, or codes and values"),
         ({"curve": "AR0231", "codes": (0, 1), "values": (0, 1)}, "give a curve's name, or codes and values"),
         ({"curve": "AR1"}, "AR0231"),
+        ({"curve": "AR0231", "bits": 10}, "bits is 10, but codes of the curve AR0231 have 12"),
         ({"codes": (0, 5, 3), "values": (0, 1, 2)}, "rising order"),
         ({"codes": ("a", 5), "values": (0, 1)}, "codes is"),
     ],
@@ -79,3 +80,12 @@ def test_each_code_begins_where_it_says(curve):
 def test_a_curve_that_is_none_is_refused(options, message):
     with pytest.raises(InputError, match=message):
         PiecewiseLinear(**options)
+
+
+def test_knees_that_begin_at_other_values_are_exact_too():
+    """A chain has its black level in the sensor, whatever value the first knee has."""
+    for first in (-60, 60):
+        chain = chain_of({**MERGED, "isp": {"type": "pwl", "codes": [0, 1024, 2000], "values": [first, 2000, 65535]}})
+        axes = {"scene__luminance_cd_m2": [1.0, 20.0]}
+        exact, simulated = chain.sweep(exact=True, **axes), chain.sweep(seed=3, **axes)
+        assert exact["cdp"].values == pytest.approx(simulated["cdp"].values, abs=0.01)

@@ -264,3 +264,44 @@ def test_values_that_no_bits_hold_are_refused(tmp_path):
         np.save(tmp_path / "values.npy", values)
         with pytest.raises(InputError, match=message):
             labcdp.read_image(tmp_path / "values.npy", **options)
+
+
+def behind_filter(linear):
+    """Light behind RGGB, of a reddish grey."""
+    linear = linear.astype(float)
+    linear[::2, ::2] *= 0.5
+    linear[1::2, 1::2] *= 0.3
+    return linear
+
+
+def test_a_mosaic_and_a_black_level_that_the_curve_lacks_are_warned_of(tmp_path):
+    pair = [BRIGHT, DARK]
+    mosaic = AR0231.code(behind_filter(np.rint(scene(bright=9000.0, dark=3000.0))))
+    image = labcdp.read_image(file_of(tmp_path, mosaic), encoding="AR0231")
+    assert "mosaic-doubtful" in [finding.code for finding in image.findings]
+    green = labcdp.read_image(tmp_path / "codes.tif", encoding="AR0231", bayer="RGGB")
+    assert "mosaic-doubtful" not in [finding.code for finding in green.findings]
+    mixed, alone = (each.regions(pair).cdp(2.0)["cdp"].item() for each in (image, green))
+    assert (mixed, alone) == (pytest.approx(0.375, abs=0.01), 1.0)
+    raised = AR0231.code(scene(bright=900.0, dark=30.0) + 168)
+    for encoding, warned in (("AR0231", True), (replace(AR0231, black_value=168), False)):
+        findings = labcdp.read_image(file_of(tmp_path, raised), encoding=encoding).findings
+        assert ("black-level-doubtful" in [finding.code for finding in findings]) is warned
+
+
+def test_a_dark_picture_of_many_bits_has_the_scale_of_the_others(tmp_path):
+    means = []
+    for top in (3000.0, 300_000.0):
+        path = file_of(tmp_path, np.full((20, 30), top, np.uint32))
+        image = labcdp.read_image(path, encoding="linear", bit_depth=20)
+        assert next(finding.code for finding in image.findings) == "many-bits"
+        means.append(float(np.asarray(image.luminance).mean()))
+    assert means == pytest.approx([3000 / 2**20, 300_000 / 2**20])
+
+
+@pytest.mark.parametrize("given", [{}, {"bayer": "RGGB"}])
+def test_a_mosaic_of_many_bits_is_warned_of(tmp_path, given):
+    path = file_of(tmp_path, behind_filter(scene(bright=900_000.0, dark=300_000.0)).astype(np.uint32))
+    findings = labcdp.read_image(path, bit_depth=20, **given).findings
+    assert "many-bits-mosaic" in [finding.code for finding in findings]
+    assert "option-needs-dn" not in [finding.code for finding in findings]

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 import labcdp
 from labcdp.metrics import Distribution
 from labcdp.metrics.contrast import decimal_fraction, detected_ratios
-from labcdp.metrics.pairs import RELATIVE_TOLERANCE
 from labcdp.metrics.pairs_kernel import merge_counts
+from labcdp.metrics.pixel_pairs import RELATIVE_TOLERANCE
 
 REPEATS = 5
 N_PATCHES, SIDE = 180, 25

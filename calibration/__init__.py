@@ -5,12 +5,12 @@
 interval.
 """
 
-from .calibrate import fit
 from .camera import common_errors
 from .colour.conversion import colour_patch_luminance
 from .colour.fit import fit_colour
 from .colour.model import AnyCalibration, ColourCalibration
 from .convert.patch import PatchLuminance, contrast_U, contrast_u, patch_luminance
+from .fit_camera import fit
 from .fit_records import ResponsivityFit
 from .frames.observations import CameraState, DarkObservation, PatchObservation
 from .frames.observe import observe_dark, observe_patches

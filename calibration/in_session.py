@@ -12,8 +12,8 @@ from ..core.result import Finding, info, warning
 from .agreement import with_agreement
 from .colour.conversion import ByPlane
 from .colour.model import AnyCalibration
-from .fit.design import DARK
 from .fit_records import DISAGREEING, SETTLING, FitError, undecided_cause
+from .fitting.design import DARK
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration
 from .sensor.dark import DarkModel, fit_dark

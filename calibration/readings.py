@@ -288,7 +288,8 @@ def _alike(readings: Mapping[str, Sequence[Reading]]) -> list[str]:
     """Patches whose readings scatter alike: without those of readings beyond the scatter of all others (F test).
 
     Bad readings hide each other: the one that deviates most from its patch is left out in turn, up to a quarter, and as
-    many count as the last one that is significant has before it, as of patches (`labcdp.calibration.fit.selection`).
+    many count as the last one that is significant has before it, as of patches
+    (`labcdp.calibration.fitting.selection`).
     """
     from scipy.special import fdtrc
 

@@ -129,8 +129,7 @@ def require_mode(
         if applies:
             raise MeterError(
                 f"the meter gave {problem} ({reading.raw})",
-                "the reading is not used; set the mode back at the meter, "
-                "or switch it off and on with F held, then repeat",
+                "the reading is not used; set the mode back at the meter, or switch it off and on, then repeat",
             )
 
 

@@ -15,11 +15,11 @@ from ...core.frame import PLANES
 from ...core.reading import Reading
 from ...core.result import Finding, info, log_findings, warning
 from ...core.spectra import SpectralTable, f1_prime, weighted_sum
-from ..calibrate import fit
 from ..convert.patch import PatchLuminance
-from ..fit.intake import group_by_patch
-from ..fit.residuals import finite, held_out_rows, measured_rows
+from ..fit_camera import fit
 from ..fit_records import LeftOut, summarised
+from ..fitting.intake import group_by_patch
+from ..fitting.residuals import finite, held_out_rows, measured_rows
 from ..frames.defects import DefectMap
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration, luminance_range

@@ -13,8 +13,8 @@ from ...core.frame import PLANES
 from ...core.reading import Reading
 from ...core.result import Finding, info, warning
 from ..convert.patch import PatchLuminance, patch_luminance
-from ..fit.intake import MIN_PATCHES, gain_settings
 from ..fit_records import LeftOut
+from ..fitting.intake import MIN_PATCHES, gain_settings
 from ..frames.observations import DarkObservation, PatchObservation
 from ..model import Calibration, PatchResidual
 from ..readings import PatchReading, combine_readings

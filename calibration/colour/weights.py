@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...core.errors import InputError
 from ...core.result import Finding, warning
 from ...core.spectra import Source, SpectralTable, least_f1_prime, response_per_luminance
-from ..fit.scatter import scatter_around_mean
+from ..fitting.scatter import scatter_around_mean
 from ..model import Calibration
 from .conversion import COLOURS, colours_of_planes
 

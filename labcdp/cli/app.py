@@ -89,9 +89,9 @@ app = typer.Typer(
 
 #: Errors without a file name that come of writing the output and of nothing else; a device, too, gives EIO.
 _OUTPUT_ERRORS = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-#: A library that is there is not loaded where a limit of memory is too low.
 #: Extras of the package, by the library that only they bring; see pyproject.toml.
 _EXTRAS = {"av": "video", "distributed": "cluster", "panel": "web", "plotly": "web"}
+#: A library that is there is not loaded where a limit of memory is too low.
 _NO_LIBRARY = "raise the memory limit (ulimit -v), or reinstall labcdp"
 
 

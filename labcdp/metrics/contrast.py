@@ -18,7 +18,7 @@ from ..core.errors import InputError
 from ..core.percent import plain_contrast
 from .arrays import numeric_array
 from .distribution import Region
-from .pairs import bright_and_dark
+from .pixel_pairs import bright_and_dark
 
 #: Detection intervals that are kept for the next frame of a video.
 _KEPT = 2**14

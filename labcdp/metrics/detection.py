@@ -18,7 +18,7 @@ from ..core.result import Finding, info
 from .contrast import ContrastDefinition, Epsilon, detected_ratios
 from .correlation import region_inflation
 from .distribution import Distribution, Region
-from .pairs import bright_and_dark, count_pairs
+from .pixel_pairs import bright_and_dark, count_pairs
 from .result import Cdp, cdp_record, target_contrasts
 from .uncertainty import unbiased_variance
 

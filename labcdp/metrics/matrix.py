@@ -16,7 +16,7 @@ from .contrast import Epsilon, detected_ratios, weber_contrast
 from .detection import NoisyRegion, cdp_inflation
 from .distribution import Distribution
 from .moments import Moments, cnr_of_moments, csnr_of_moments, d_prime_of_moments
-from .pairs import RELATIVE_TOLERANCE
+from .pixel_pairs import RELATIVE_TOLERANCE
 from .result import target_contrasts
 from .uncertainty import confidence_interval, unbiased_variance
 

@@ -18,7 +18,7 @@ from ..core.roi import Roi
 from . import Cdp, Distribution, Epsilon, csnr, snr, weber_contrast
 from .contrast import checked_contrast, detected_ratios
 from .detection import region_cdp, size_findings
-from .pairs import bright_and_dark, share_inside
+from .pixel_pairs import bright_and_dark, share_inside
 from .region import Bound, RegionLight, RegionPixels, light_factor, region_light, variance_of_changes, with_uncertainty
 
 _Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ..core.quantity import Quantity
 from .distribution import Distribution, Region, as_distribution, weighted_sum
-from .pairs import bright_and_dark
+from .pixel_pairs import bright_and_dark
 
 
 def snr(region: Region) -> Quantity:

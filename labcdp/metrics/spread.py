@@ -12,7 +12,7 @@ from ..core.errors import InputError
 from .arrays import numeric_array
 from .contrast import decimal_fraction
 from .distribution import Distribution, Region, weight_not_positive
-from .pairs import bright_and_dark, weight_up_to
+from .pixel_pairs import bright_and_dark, weight_up_to
 
 #: Share of the finite contrasts outside bins of equal width: a few pairs with a dark pixel close to 0 have contrasts
 #: far beyond all others.

@@ -17,7 +17,7 @@ from ..core.errors import InputError
 from ..core.quantity import Z_95, Interval, Number, as_number
 from .contrast import ContrastDefinition, Epsilon, checked_contrast, detected_ratios
 from .distribution import Distribution, Region, weighted_sum
-from .pairs import bright_and_dark, count_pairs
+from .pixel_pairs import bright_and_dark, count_pairs
 
 #: Prior weight of one outlying pixel in `confidence_interval`, chosen by simulation of normal regions of 10 to 400
 #: pixels and CDP 0.25 to 0.99997: from 30 pixels on the 95 % intervals cover the truth in 93 to 100 % of the cases.

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...calibration import AnyCalibration, Calibration, PatchLuminance, Setup, fit, fit_colour
 from ...calibration.colour.conversion import luminance_of_planes
-from ...calibration.fit.residuals import measured_rows
+from ...calibration.fitting.residuals import measured_rows
 from ...calibration.sensor.response import ResponseCurve
 from ...calibration.signal import left_out_text
 from ...core.errors import CalibrationError
@@ -199,8 +199,8 @@ def calibrate_recorded(
 ) -> tuple[list[ObservedSession], AnyCalibration]:
     """Calibrate a camera from recorded sessions.
 
-    Each frame is loaded once. The flat field of a camera with a curved response must be linearised: both are found in
-    turns.
+    Each frame is loaded once, those of a bracket again for its curve. The flat field of a camera with a curved
+    response must be linearised: both are found in turns.
 
     Parameters
     ----------

@@ -22,7 +22,7 @@ from ...calibration.emva.quantities import (
 )
 from ...calibration.emva.result import Characterisation, SaturationLimit, SeriesPoint
 from ...calibration.emva.transfer import Saturation, points_to_fit, system_gain
-from ...calibration.fit.full_well import SAFE_SHARE, plateau_dn
+from ...calibration.fitting.full_well import SAFE_SHARE, plateau_dn
 from ...calibration.frames.measure import MeasuredFrames
 from ...calibration.frames.observe import dark_observation
 from ...calibration.setup import corrected

@@ -13,7 +13,7 @@ from ...core.quantity import Z_95
 from ...metrics import Cdp, Distribution
 from ...metrics.contrast import checked_contrast, detected_ratios
 from ...metrics.detection import count_cdp
-from ...metrics.pairs import count_pairs, share_inside
+from ...metrics.pixel_pairs import count_pairs, share_inside
 from .prediction import RegionPrediction, added, scaled
 from .regions import CameraPatch
 

@@ -13,7 +13,7 @@ from ...core.errors import InputError
 from ..arrays import check_exact, image_array
 from ..contrast import ContrastDefinition, Epsilon, detected_ratios
 from ..distribution import weighted_sum
-from ..pairs import RELATIVE_TOLERANCE
+from ..pixel_pairs import RELATIVE_TOLERANCE
 from ..result import Cdp, cdp_record, target_contrasts
 
 #: Rows compared at once, to limit temporary memory.

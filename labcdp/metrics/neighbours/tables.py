@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core.errors import InputError
 from ..contrast import Epsilon, checked_contrast, detected_ratios
-from ..pairs import RELATIVE_TOLERANCE
+from ..pixel_pairs import RELATIVE_TOLERANCE
 from ..result import Cdp
 from .cdp import MarkSums, cdp_from_counts
 

@@ -17,7 +17,7 @@ from labcdp.evaluate.twin.regions import KINDS, predicted_signal
 from labcdp.evaluate.twin.result import signal_findings, twin_chain_text, twin_result, verdict
 from labcdp.metrics import Distribution, cdp
 from labcdp.metrics.contrast import detected_ratios
-from labcdp.metrics.pairs import share_inside
+from labcdp.metrics.pixel_pairs import share_inside
 
 
 def changed(observed, patches=None, **configuration):

@@ -14,7 +14,7 @@ from ....core.errors import InputError
 from ....metrics import Epsilon
 from ....metrics.contrast import TargetContrasts, checked_contrast, detected_ratios, each_contrast
 from ....metrics.detection import count_cdp
-from ....metrics.pairs import share_inside
+from ....metrics.pixel_pairs import share_inside
 from ....metrics.region import LEAST_FACTOR, SATURATED_SHARE, variance_of_changes
 from ....regions.superpixels import Neighbours
 from .noise import MapNoise, cdp_of_noise

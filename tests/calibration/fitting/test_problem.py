@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from labcdp.calibration.fit.candidates import CandidateModel
-from labcdp.calibration.fit.design import Design, SharedError
-from labcdp.calibration.fit.problem import solve
-from labcdp.calibration.fit.scatter import scatter_around_mean
+from labcdp.calibration.fitting.candidates import CandidateModel
+from labcdp.calibration.fitting.design import Design, SharedError
+from labcdp.calibration.fitting.problem import solve
+from labcdp.calibration.fitting.scatter import scatter_around_mean
 from labcdp.calibration.readings import PatchReading
 from labcdp.calibration.signal import NetSignals
 

@@ -19,19 +19,19 @@ from ..core.vignetting import AnyVignetting
 from .camera import INTERCEPT, VIGNETTING
 from .convert.patch import PatchLuminance, patch_luminance
 from .exposure_times import ExposureTimes
-from .fit import checks
-from .fit.assumed_vignetting import seen_vignetting, vignetting_after, with_wider_vignetting
-from .fit.candidates import CandidateModel, candidate_models
-from .fit.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
-from .fit.design import DRIFT, Design, SharedError
-from .fit.effects import FREE
-from .fit.exposures import NO_MODEL, with_times
-from .fit.intake import Intake, take_in, take_usable
-from .fit.problem import Solution, solve
-from .fit.residuals import finite, fit_errors, fitted_rows, held_out_rows, measured_rows, next_response_error
-from .fit.scatter import fit_dof, patch_scatter, with_scatter
-from .fit.selection import ModelSelection, select, select_model, with_effects
 from .fit_records import FitTest, ResponsivityFit, summarised
+from .fitting import checks
+from .fitting.assumed_vignetting import seen_vignetting, vignetting_after, with_wider_vignetting
+from .fitting.candidates import CandidateModel, candidate_models
+from .fitting.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
+from .fitting.design import DRIFT, Design, SharedError
+from .fitting.effects import FREE
+from .fitting.exposures import NO_MODEL, with_times
+from .fitting.intake import Intake, take_in, take_usable
+from .fitting.problem import Solution, solve
+from .fitting.residuals import finite, fit_errors, fitted_rows, held_out_rows, measured_rows, next_response_error
+from .fitting.scatter import fit_dof, patch_scatter, with_scatter
+from .fitting.selection import ModelSelection, select, select_model, with_effects
 from .frames.defects import DefectMap
 from .frames.observations import DarkObservation, Groups, PatchObservation
 from .model import Calibration, luminance_range
@@ -67,7 +67,7 @@ def fit(
     """Calibrate a camera.
 
     Dark frames fix d(t, T). All observations, patch by exposure by gain, are fitted at once by h(DN - d) = R f t V
-    L with errors in both variables (`labcdp.calibration.fit.problem.solve`). The meter's scale error is not part of
+    L with errors in both variables (`labcdp.calibration.fitting.problem.solve`). The meter's scale error is not part of
     the fit (a consistently wrong unit of the meter cannot be detected). h is selected by leave-one-out errors, or
     that of a bracket, which the patches then scale. With a tone curve all is fitted twice, at last with its noise.
     A single bad reading is left out; the model's assumptions are checked.

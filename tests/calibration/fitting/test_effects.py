@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from labcdp.calibration import fit, patch_luminance
-from labcdp.calibration.fit.candidates import CandidateModel, candidate_models
-from labcdp.calibration.fit.design import SharedError
-from labcdp.calibration.fit.effects import FALSE_ALARM, Effect, amplitude, assess
-from labcdp.calibration.fit.problem import solve
-from labcdp.calibration.fit.selection import select
+from labcdp.calibration.fitting.candidates import CandidateModel, candidate_models
+from labcdp.calibration.fitting.design import SharedError
+from labcdp.calibration.fitting.effects import FALSE_ALARM, Effect, amplitude, assess
+from labcdp.calibration.fitting.problem import solve
+from labcdp.calibration.fitting.selection import select
 from labcdp.calibration.frames.observations import PatchPart
 
 from ..conftest import EXPOSURES_S, LUMINANCES, START, SimulatedCamera, bench, codes, found, make_reading

@@ -1,9 +1,7 @@
 """Drivers: cameras and luminance meters, real, replayed and simulated, behind two protocols."""
 
-from typing import Literal
-
 from ..core.disk.files import shown
-from ..core.reading import MeterIdentity
+from ..core.reading import MeterIdentity, SerialMeterModel
 from .aravis.camera import AravisCamera
 from .aravis.library import CameraInfo, discover
 from .camera import Camera, CameraError
@@ -49,9 +47,7 @@ def open_camera(selector: str | None = None, patience_s: float = 0.0) -> AravisC
     return AravisCamera(selector, patience_s=patience_s).open()
 
 
-def open_meter(
-    port: str, model: Literal["LS-100", "LS-110"] = "LS-110", identity: MeterIdentity | None = None
-) -> MinoltaLS:
+def open_meter(port: str, model: SerialMeterModel = "LS-110", identity: MeterIdentity | None = None) -> MinoltaLS:
     """Open a luminance meter; close it, or use it as a context manager.
 
     Parameters

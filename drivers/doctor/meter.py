@@ -6,8 +6,8 @@ import grp
 import os
 import pwd
 import stat
-from typing import Literal
 
+from ...core.reading import SerialMeterModel
 from ..check import Check, State
 from ..meter import MeterError, MeterNotFoundError, MeterReportedError, MeterTimeoutError, require_mode
 from ..minolta_ls.meter import DRIVERS, MinoltaLS
@@ -62,15 +62,13 @@ def _is_member(user: str, group: int) -> bool:
         return False
 
 
-MeterModel = Literal["LS-100", "LS-110"]
-
 #: Memory value error: answer of a meter queried for a reading before the first measurement.
 _NOTHING_HELD = "ER11"
 
 _REMOTE_MODE = "switch the meter off, hold F while switching it on so that it shows C, and check the cable LS-A12"
 
 
-def check_meter(port: str, model: MeterModel = "LS-110", timeout_s: float = 6.0) -> list[Check]:
+def check_meter(port: str, model: SerialMeterModel = "LS-110", timeout_s: float = 6.0) -> list[Check]:
     """Open a meter, set its modes, read its display, and close it again, without a measurement.
 
     Parameters

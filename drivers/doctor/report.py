@@ -11,6 +11,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 
+from ...core.reading import SerialMeterModel
 from ..aravis.connection import take_snapshot
 from ..aravis.features import readable_features
 from ..aravis.known_state import not_understood
@@ -20,7 +21,6 @@ from ..aravis.settings import understood_gains
 from ..meter import MeterError
 from ..minolta_ls.meter import DRIVERS
 from .computer import debian_packages
-from .meter import MeterModel
 
 
 def camera_files(info: CameraInfo) -> dict[str, bytes]:
@@ -58,7 +58,7 @@ def camera_files(info: CameraInfo) -> dict[str, bytes]:
     return {f"{name}.json": text.encode(), f"{name}.xml": xml}
 
 
-def meter_files(port: str, model: MeterModel, timeout_s: float = 6.0) -> dict[str, bytes]:
+def meter_files(port: str, model: SerialMeterModel, timeout_s: float = 6.0) -> dict[str, bytes]:
     """Set a meter's modes, measure once and read its display; return the transcript of the bytes by file name.
 
     Errors of the meter are part of the transcript.

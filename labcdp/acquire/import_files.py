@@ -13,12 +13,11 @@ from ..core.reading import Reading
 from ..core.result import Finding, FindingValue, warning
 from ..drivers.csv_meter import CsvMeter
 from ..drivers.manual import MeterAccuracy, stated_accuracy
-from ..drivers.minolta_ls.protocol import LS100, LS110, LSDataSheet
+from ..drivers.minolta_ls.meter import DRIVERS
+from ..drivers.minolta_ls.protocol import LSDataSheet
 from ..session import Session, SessionConfiguration
 from ..session.records import EXPOSURES, FrameRecord
 from .import_check import ImportFile, check_files, read_picture
-
-_DATA_SHEETS = {sheet.model: sheet for sheet in (LS100, LS110)}
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,8 @@ class ReadingList:
 def read_readings(configuration: SessionConfiguration, path: Path) -> ReadingList:
     """Read a list of readings, for all patches of the target and no others; raises InputError."""
     described = configuration.meter
-    sheet = _DATA_SHEETS.get(described.model) if described.entry == "serial" else None
+    driver = DRIVERS.get(described.model) if described.entry == "serial" else None
+    sheet = None if driver is None else driver.data_sheet
     accuracy = stated_accuracy(described)
     if sheet is not None:
         accuracy = MeterAccuracy(sheet.scale_half_width_rel, sheet.repeatability_rel, 1)

@@ -7,12 +7,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ..core.disk.files import SESSION_JOURNAL
 from ..core.errors import InputError
+from ..core.reading import SerialMeterModel
 from ..core.result import Result
 from ..evaluate.contrasts import parse_contrasts
 from ..evaluate.judgement import Verdict, worst_verdict
@@ -71,7 +72,7 @@ MeterPort = Annotated[
     As("Serial port of the meter, for example /dev/ttyUSB0; default: as configured, or the only one.", ("--meter",)),
 ]
 MeterModel = Annotated[
-    Literal["LS-110", "LS-100"], As("Model of the meter; it cannot be read from the meter.", ("--meter-model",))
+    SerialMeterModel, As("Model of the meter; it cannot be read from the meter.", ("--meter-model",))
 ]
 Certificate = Annotated[
     Path | None,

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime
 from math import hypot, isfinite, nan, sqrt
 from statistics import fmean, stdev
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Literal, get_args
 
 from .disk import quoted, record_of
 from .errors import InputError, naming
@@ -16,6 +16,9 @@ from .result import html_table, number
 CD_M2_PER_FL = 3.4262590996353905
 
 LuminanceUnit = Literal["cd/m2", "fL", "%"]
+#: Models of meters on a serial line; `DRIVERS` of `labcdp.drivers.minolta_ls.meter` has a class for each.
+SerialMeterModel = Literal["LS-110", "LS-100"]
+SERIAL_MODELS: tuple[str, ...] = get_args(SerialMeterModel)
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from ..core.disk import read_toml
 from ..core.errors import ConfigurationError, naming
 from ..core.frame import Frame
 from ..core.percent import plain_contrast, plain_fraction
-from ..core.reading import MeterIdentity
+from ..core.reading import SERIAL_MODELS, MeterIdentity
 from ..core.spectra import SpectralTable, read_spectral_file
 from ..core.vignetting import VIGNETTING_REL
 from .validation import validated
@@ -200,8 +200,6 @@ class SourceConfiguration(ConfigurationTable):
 
 #: Mean year of the Gregorian calendar.
 _DAYS_OF_YEAR = 365.2425
-#: Models whose protocol and data sheet the drivers know.
-SERIAL_MODELS = ("LS-110", "LS-100")
 
 
 class MeterCertificate(ConfigurationTable):

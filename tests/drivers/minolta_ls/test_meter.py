@@ -12,9 +12,9 @@ import serial
 
 from labcdp.core.clock import SimulatedClock
 from labcdp.core.errors import InputError
-from labcdp.core.reading import MeterIdentity
+from labcdp.core.reading import SERIAL_MODELS, MeterIdentity
 from labcdp.drivers.meter import MeterLostError, MeterProtocolError, MeterReportedError, MeterTimeoutError
-from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+from labcdp.drivers.minolta_ls.meter import DRIVERS, MinoltaLS110
 from labcdp.drivers.minolta_ls.port import NamedPort
 from labcdp.drivers.minolta_ls.protocol import ERROR_CODES, MeterMode
 from labcdp.drivers.simulated.meter import SimulatedLS
@@ -214,3 +214,7 @@ def test_every_byte_is_written_as_it_happens_also_when_the_meter_is_opened_again
             MinoltaLS110(port.port, timeout_s=TIMEOUT_S, transcript=path).open()
         serial.Serial(port.port, exclusive=True).close()
     assert path.read_text() == text
+
+
+def test_each_model_has_a_driver():
+    assert {name: driver.data_sheet.model for name, driver in DRIVERS.items()} == {name: name for name in SERIAL_MODELS}

@@ -63,7 +63,7 @@ def check_files(
     counts: dict[tuple[Role, str | None, float], int] = {}
     levels: dict[float, dict[Role, list[float]]] = {}
     for done, file in enumerate(files, start=1):
-        read = read_picture(file, configuration)
+        read = read_import_file(file, configuration)
         if first is None:
             first = read
             _require_bench(configuration, first)
@@ -134,7 +134,7 @@ def _require_presentation(configuration: SessionConfiguration, files: Sequence[I
             raise InputError(f"there is no patch {file.patch!r} for {file.path}: choose from {', '.join(names)}")
 
 
-def read_picture(file: ImportFile, configuration: SessionConfiguration) -> FileFrame:
+def read_import_file(file: ImportFile, configuration: SessionConfiguration) -> FileFrame:
     """Read a picture, with missing settings from the configuration; raises InputError as `labcdp.files`."""
     camera = configuration.camera
     defaults = PictureOptions(

@@ -17,7 +17,7 @@ from ..drivers.minolta_ls.meter import DRIVERS
 from ..drivers.minolta_ls.protocol import LSDataSheet
 from ..session import Session, SessionConfiguration
 from ..session.records import EXPOSURES, FrameRecord
-from .import_check import ImportFile, check_files, read_picture
+from .import_check import ImportFile, check_files, read_import_file
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def _write_frames(
         batch = lacking[start : start + _BATCH]
         frames, sources = [], []
         for number, (key, file) in enumerate(batch, start=begun + start + 1):
-            read = read_picture(file, configuration)
+            read = read_import_file(file, configuration)
             if pixels_sha256(read.frame) != key:
                 raise SessionError(f"{file.path} changed while it was imported: import it again")
             sources.append({"file": str(file.path), "sha256": read.sha256})

@@ -130,6 +130,7 @@ def test_command_line_folder_of_frames_and_camera_specification(tmp_path):
     ):
         done = subprocess.run([program, command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=600)
         assert done.returncode == 0, done.stderr
+        assert "standard curve" not in done.stdout + done.stderr
     contrasts = [
         labcdp.read_dataset(tmp_path / "d" / "results.nc")["measured_contrast"].values[0].item(),
         *(_contrast(tmp_path / name) for name in "abc"),
@@ -305,3 +306,22 @@ def test_a_mosaic_of_many_bits_is_warned_of(tmp_path, given):
     findings = labcdp.read_image(path, bit_depth=20, **given).findings
     assert "many-bits-mosaic" in [finding.code for finding in findings]
     assert "option-needs-dn" not in [finding.code for finding in findings]
+
+
+SPECIFICATION = (
+    'name = "series"\nadc_bits = 12\nexposure_s = 0.01\nquantum_efficiency = 0.5\npixel_pitch_m = 3e-6\n'
+    'f_number = 1.8\nk_dn_per_e = 1.0\nlens_transmittance = 0.9\nspectrum = "D65"\nencoding = "AR0231"\n'
+)
+
+
+def test_a_camera_specification_has_no_second_black_level_and_saturates_with_that_of_the_curve(tmp_path):
+    path, camera = file_of(tmp_path, np.full((20, 30), 900, np.uint16)), tmp_path / "camera.toml"
+    camera.write_text(SPECIFICATION + "black_dn = 168\n")
+    with pytest.raises(InputError, match="black_value of the curve"):
+        labcdp.read_image(path, camera_spec=camera)
+    camera.write_text(SPECIFICATION + "saturation_dn = 901\n")
+    for linear, is_saturated in ((900, False), (901, True)):
+        path = file_of(tmp_path, np.full((20, 30), linear, np.uint16))
+        curve = replace(AR0231, black_value=168)
+        invalid = labcdp.read_image(path, camera_spec=camera, encoding=curve).luminance.invalid
+        assert (invalid == Invalid.SATURATED).all() == is_saturated

@@ -386,16 +386,20 @@ def _specification_findings(specification: CameraSpecification | None, picture: 
             findings.append(warning("f-number-differs", stated=stated, specified=specification.f_number))
         if specification.glare_fraction > 0 and frame.saturated.any():
             findings.append(warning("glare-underestimated"))
-    curve = picture.encoding if isinstance(picture.encoding, Companding) else None
-    if curve is not None:
-        findings.append(info("codes-expanded", curve=curve.name, bits=curve.bits, top=curve.values[-1]))
-    elif picture.encoding != "linear":
-        findings.append(warning("srgb-assumed"))
-    if specification is not None and not (picture.coloured or curve) and frame.bit_depth != specification.adc_bits:
+    findings += encoding_findings(picture.encoding)
+    has_curve = isinstance(picture.encoding, Companding)
+    if specification is not None and not (picture.coloured or has_curve) and frame.bit_depth != specification.adc_bits:
         findings.append(info("bits-scaled", bits=frame.bit_depth, adc_bits=specification.adc_bits))
     if frame.colour_filter is not None:
         findings.append(info("green-pixels-only"))
     return findings
+
+
+def encoding_findings(encoding: Encoding) -> list[Finding]:
+    """Return what there is to say of light that is decoded from values without a calibration."""
+    if isinstance(encoding, Companding):
+        return [info("codes-expanded", curve=encoding.name, bits=encoding.bits, top=encoding.values[-1])]
+    return [] if encoding == "linear" else [warning("srgb-assumed")]
 
 
 def _calibration_findings(calibration: AnyCalibration, picture: Picture, frame: Frame) -> list[Finding]:
@@ -433,8 +437,8 @@ def make_converter(
     Raises
     ------
     InputError
-        If both are given, one cannot be read, or an encoding is given in addition to a calibration, which has its own;
-        or if something that is stated is not possible.
+        If both are given, one cannot be read, an encoding is given in addition to a calibration, which has its own, or
+        a curve of companded data in addition to a black level of the camera specification; or if something that is stated is not possible.
     """
     encoding = as_encoding(encoding)
     options = PictureOptions().given(encoding=encoding)
@@ -455,13 +459,19 @@ def make_converter(
     from .camera_specification import CameraSpecification
 
     specification = CameraSpecification.load(camera)
+    encoding = encoding or as_encoding(specification.encoding)
+    if isinstance(encoding, Companding) and specification.black_dn is not None:
+        raise InputError(
+            f"{camera.name} has black_dn, but the linear values of the curve {encoding.name} are without black level: "
+            "state it as black_value of the curve, or with --black-level (black_level_dn in Python) as code"
+        )
     description = f"guessed camera parameters of {camera.name} ({specification.name})"
     options = replace(
         options,
         exposure_s=specification.exposure_s,
         gain_db=specification.gain_db,
         bit_depth=specification.adc_bits,
-        encoding=encoding or as_encoding(specification.encoding),
+        encoding=encoding,
         focal_length_m=specification.image_distance_m,
         pixel_pitch_m=specification.pixel_pitch_m,
     )

@@ -278,8 +278,7 @@ def _specified(
     linear = decoded_table(bit_depth, encoding)
     # Linear values of companded data are DN of the sensor, which has more bits than its codes, without black level.
     top_dn = encoding.scale if isinstance(encoding, Companding) else 2.0**camera.adc_bits - 1
-    black_dn = None if isinstance(encoding, Companding) else camera.black_dn
-    black_dn = top_dn * _black_in(linear, nominal_black_dn) if black_dn is None else black_dn
+    black_dn = top_dn * _black_in(linear, nominal_black_dn) if camera.black_dn is None else camera.black_dn
     k_dn_per_e = camera.system_gain_dn_per_e(gain_db)
     dark_e = camera.dark_electrons(exposure_s, temperature_c)
     per_cd_m2 = camera.electrons_per_cd_m2_s(f_number) * exposure_s * camera.windscreen_transmittance
@@ -289,7 +288,9 @@ def _specified(
     noise_e2 += _ROUNDING_VARIANCE * np.square(top_dn * _steps(linear) / k_dn_per_e)
     flags = _saturated(linear.size, saturation_dn)
     if camera.saturation_dn is not None:
-        flags[dn >= camera.saturation_dn] |= Invalid.SATURATED.value
+        # That of the sensor is with its black level.
+        below_dn = encoding.black_value if isinstance(encoding, Companding) else 0.0
+        flags[dn + below_dn >= camera.saturation_dn] |= Invalid.SATURATED.value
     zero_dn, light_at_top = black_dn + dark_e * k_dn_per_e, top_dn / (k_dn_per_e * per_cd_m2)
     light = _proportional(linear, zero_dn, top_dn, light_at_top, encoding)
     # Where pixels differ by more than their DN, no contrast lies exactly on an end of the interval.

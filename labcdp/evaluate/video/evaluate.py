@@ -25,7 +25,7 @@ from ...metrics.detection import size_findings
 from ...metrics.pair import require_apart, vignetting_findings
 from ...output import Destination, results_journal
 from ...report.text import finding_text
-from ..picture.converter import Converter, make_converter
+from ..picture.converter import Converter, encoding_findings, make_converter
 from .dataset import as_json, frame_columns, recorded, video_dataset
 from .findings import first_finding, first_measured, reading_findings, second_is_brighter, video_findings
 from .run import PartRun, VideoRun
@@ -297,7 +297,10 @@ def converter_findings(
         # What is said of the values of the first frame is said of the regions in all frames.
         doubts = (*(finding for finding in doubts if finding.code == MOSAIC), *readings)
     findings += doubts
-    if source.encoding != "linear" or any(finding.code == "srgb-colour-to-grey" for finding in source.findings):
-        calibrated = converter.calibration is not None
-        findings.append(warning("srgb-taken-as-dn" if calibrated else "srgb-assumed"))
+    was_srgb = any(finding.code == "srgb-colour-to-grey" for finding in source.findings)
+    encoding = "srgb" if was_srgb and source.encoding == "linear" else source.encoding
+    if converter.calibration is None:
+        findings += encoding_findings(encoding)
+    elif encoding != "linear":
+        findings.append(warning("srgb-taken-as-dn"))
     return tuple(findings)

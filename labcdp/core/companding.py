@@ -207,7 +207,9 @@ def shipped_curve(name: str) -> Companding:
     """
     known = shipped_curves()
     if name.upper() not in known:
-        raise InputError(f"there is no curve {shown(name)}: give one of {', '.join(known)}", key="curve")
+        raise InputError(
+            f"curve is {shown(name)}, which does not ship with labcdp: give one of {', '.join(known)}", key="curve"
+        )
     text = files("labcdp").joinpath("data", "curves", f"{name.lower()}.toml").read_text(encoding="utf-8")
     document: dict[str, Any] = tomllib.loads(text)
     knees: dict[str, Any] = {key: tuple(document.pop(key)) for key in ("codes", "values")}

@@ -71,7 +71,7 @@ def test_each_code_begins_where_it_says(curve):
     [
         ({}, "curve is '': give a curve's name, or codes and values"),
         ({"curve": "AR0231", "codes": (0, 1), "values": (0, 1)}, "give a curve's name, or codes and values"),
-        ({"curve": "AR1"}, "AR0231"),
+        ({"curve": "AR1"}, "^curve is .AR1., which does not ship"),
         ({"curve": "AR0231", "bits": 10}, "bits is 10, but codes of the curve AR0231 have 12"),
         ({"codes": (0, 5, 3), "values": (0, 1, 2)}, "rising order"),
         ({"codes": ("a", 5), "values": (0, 1)}, "codes is"),

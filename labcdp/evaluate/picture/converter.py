@@ -438,7 +438,8 @@ def make_converter(
     ------
     InputError
         If both are given, one cannot be read, an encoding is given in addition to a calibration, which has its own, or
-        a curve of companded data in addition to a black level of the camera specification; or if something that is stated is not possible.
+        a curve of companded data in addition to a black level of the camera specification; or if something that is
+        stated is not possible.
     """
     encoding = as_encoding(encoding)
     options = PictureOptions().given(encoding=encoding)

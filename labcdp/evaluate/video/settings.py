@@ -251,7 +251,7 @@ def video_configuration(settings: VideoSettings, reference: VideoReference | Non
     if reference is not None:
         stated = {"sha256": reference.sha256, "by": settings.reference_by}
     as_they_are = ("damaged", "cdp_limit")
-    encoding = as_encoding(settings.encoding)
+    encoding = as_encoding(settings.encoding) or _curve_of_camera(settings.camera)
     return {
         "contrasts": None if settings.contrasts is None else list(settings.contrasts),
         "rois": [{"name": roi.name, "corners": [list(corner) for corner in roi.corners]} for roi in settings.rois],
@@ -266,6 +266,16 @@ def video_configuration(settings: VideoSettings, reference: VideoReference | Non
         **({} if settings.requirement is None else {"requirement": settings.requirement.model_dump(mode="json")}),
         **settings.stated,
     }
+
+
+def _curve_of_camera(path: Path | None) -> Companding | None:
+    """Return the curve that a camera specification names; its file may change while that of the camera does not."""
+    if path is None:
+        return None
+    from ..picture.camera_specification import CameraSpecification
+
+    encoding = as_encoding(CameraSpecification.load(path).encoding)
+    return encoding if isinstance(encoding, Companding) else None
 
 
 def _calibration_sha256(path: Path) -> str:

@@ -12,7 +12,7 @@ import xarray as xr
 
 from labcdp.core.errors import InputError
 from labcdp.evaluate.video.evaluate import JOURNAL, evaluate_video
-from labcdp.evaluate.video.settings import VideoSettings
+from labcdp.evaluate.video.settings import VideoSettings, video_configuration
 
 from .videos import MOVING, STILL, driving, write
 
@@ -99,3 +99,18 @@ for n in (20, 70):
     first, second = map(int, done.stdout.split())
     # 50 frames that are kept have 15 MB.
     assert second - first < 10_000
+
+
+def test_a_changed_curve_that_a_camera_specification_names_is_another_evaluation(tmp_path: Path) -> None:
+    curve, camera = tmp_path / "curve.toml", tmp_path / "camera.toml"
+    camera.write_text(
+        'name = "series"\nadc_bits = 12\nexposure_s = 0.01\nquantum_efficiency = 0.5\npixel_pitch_m = 3e-6\n'
+        f'f_number = 1.8\nk_dn_per_e = 1.0\nlens_transmittance = 0.9\nspectrum = "D65"\nencoding = "{curve}"\n'
+    )
+    configurations = []
+    for last in (100, 200):
+        curve.write_text(f'name = "curve"\nbits = 12\ncodes = [0, 10, 20]\nvalues = [0, 10, {last}]\n')
+        configurations.append(video_configuration(VideoSettings((1.0,), ROIS, "fixed", camera=camera), None))
+    first, second = configurations
+    assert first["camera_sha256"] == second["camera_sha256"]
+    assert first != second

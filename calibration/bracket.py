@@ -145,7 +145,7 @@ class _Merge:
             setting = frame.exposure_s, frame.gain_db, frame.temperature_c
             if setting not in alike:
                 luminance = conversion.to_luminance(frame)
-                saturation_dn = int(min(frame.saturation_dn, conversion.state.saturation_dn))
+                saturation_dn = frame.dn_at(min(frame.linear_saturation_dn, conversion.state.saturation_dn))
                 full = frame.with_pixels(np.full_like(frame.dn, saturation_dn))
                 dark_cd_m2 = conversion.dark_spread_cd_m2(frame)
                 alike[setting] = _Exposure(frame, len(exposures), full, *_noise(luminance), dark_cd_m2)

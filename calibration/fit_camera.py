@@ -23,6 +23,7 @@ from .fit_records import FitTest, ResponsivityFit, summarised
 from .fitting import checks
 from .fitting.assumed_vignetting import seen_vignetting, vignetting_after, with_wider_vignetting
 from .fitting.candidates import CandidateModel, candidate_models
+from .fitting.curve_check import better_curve, curve_findings
 from .fitting.demands import design_findings, fit_findings, require_every_gain, require_monotone, require_span
 from .fitting.design import DRIFT, Design, SharedError
 from .fitting.effects import FREE
@@ -99,7 +100,12 @@ def fit(
     """
     take = partial(take_in, observations, darks, readings, held_out, drift_dn=setup.black_level_drift_dn)
     intake = take(tone=None if response is None else response.response)
-    fitted, findings = _fitted(intake, readings, setup, response)
+    better = better_curve(intake.groups, darks, readings)
+    try:
+        fitted, findings = _fitted(intake, readings, setup, response)
+    except CalibrationError as error:
+        # Values of another curve rarely fit any response.
+        raise error if better is None else better.error() from error
     slopes = fitted.response.slope([0.0, fitted.range_net_dn[1]])
     if response is None and slopes.max() / slopes.min() > _TONE_CURVE:
         # The noise of the pixels depends on the slope.
@@ -111,7 +117,9 @@ def fit(
     measure = _measure(calibration, held)
     rows, of_held_out = held_out_rows(measure, centres_px, readings)
     rows = measured_rows(rows, measure, combine_patches(readings)[0], calibration.meter_scale)
-    findings = [*intake.findings, *findings, *of_held_out, *useless_calibration_findings(calibration)]
+    of_curve = curve_findings(fitted.state, fitted.response, fitted.range_net_dn[1])
+    of_curve = [better.finding] if better else of_curve
+    findings = [*intake.findings, *of_curve, *findings, *of_held_out, *useless_calibration_findings(calibration)]
     log_findings(_log, findings)
     return replace(calibration, held_out=rows, findings=summarised(findings))
 

@@ -129,7 +129,7 @@ def _net_signal(o: PatchObservation, settings: Sequence[GainSetting]) -> dict[st
     # The dark part of the pattern is known from the dark frames; the rest is sensitivity.
     dark_pattern_dn = dark.pattern_dn(o.exposure_s)
     sensitivity_dn2 = o.fixed_pattern_variance_dn2(level_dn) - (dark_pattern_dn * o.mean_inverse_v) ** 2
-    rounding = quantisation_variance_dn2(o.temporal_variance_dn2 + pattern_dn2)
+    rounding = quantisation_variance_dn2(o.temporal_variance_dn2 + pattern_dn2, o.step_dn)
     nonuniformity_dn2 = dark.nonuniformity_dn**2 + dark_pattern_dn**2 / o.n_pixels
     nonuniformity_dn2 += lines_variance_dn2(dark.line_pattern_dn, o.n_lines)
     on_axis = max(abs(o.net_dn(dark_dn)), 1e-12)

@@ -27,6 +27,9 @@ _log = logging.getLogger(__name__)
 _LEAST_NET_DN = 1e-6
 
 _Maps = NDArray[np.float32]
+_Light = NDArray[np.float32] | NDArray[np.float64]
+#: Most bits of DN whose luminances are kept in float32, which then are as many as the DN.
+_FLOAT32_BITS = 16
 
 
 def to_luminance(camera: CalibratedCamera, frame: Frame, window: Window = WHOLE) -> LuminanceMap:
@@ -95,7 +98,10 @@ class _CalibratedMap(LuminanceMap):
     ) -> None:
         self._camera, self._frame, self._window, self._inverse_v = camera, frame, window, inverse_v
         self._dark_pattern_dn, self._library_noise_dn = dark_pattern_dn, library_noise_dn
-        self.step, self._dn, self._setting = 1, frame.dn[window], camera.setting(frame.gain_db)
+        # Of companded data the index is the code, and all that depends on it follows from its linear value.
+        levels = frame.levels
+        self.step, self._dn, self._setting = 1, levels.index[window], camera.setting(frame.gain_db)
+        self._values_dn, self._is_wide = levels.values_dn, frame.bit_depth > _FLOAT32_BITS
         self._scale = camera.dn_per_cd_m2(frame.exposure_s, frame.gain_db)
         self.luminance_cd_m2 = self._luminance()
         fit = camera.responsivity
@@ -103,7 +109,7 @@ class _CalibratedMap(LuminanceMap):
         self.slow_rel = hypot(camera.field_rel, fit.scatter_rel * student_factor(fit.scatter_dof or inf))
         self.fixed_rel = camera.pixel_rel(self._setting.gain_db)
 
-    def _luminance(self) -> _Maps:
+    def _luminance(self) -> _Light:
         if self._dark_pattern_dn is None:
             return look_up(self._luminance_by_dn, self._dn, self._inverse_v)
         # To first order in the pattern, which is small except at pixels of the defect map.
@@ -180,10 +186,10 @@ class _CalibratedMap(LuminanceMap):
 
     def _flags_by_dn(self) -> NDArray[np.uint8]:
         """Saturation, and for a curved response the end of its range."""
-        saturation_dn = min(self._frame.saturation_dn, self._camera.state.saturation_dn)
+        saturation_dn = min(self._frame.linear_saturation_dn, self._camera.state.saturation_dn)
         low, high = self._camera.range_net_dn
         margin, kind = RANGE_MARGIN * self._noise_by_dn, self._camera.response.kind
-        flags = np.where(np.arange(self._net_dn.size) >= saturation_dn, Invalid.SATURATED, 0).astype(np.uint8)
+        flags = np.where(self._values_dn >= saturation_dn, Invalid.SATURATED, 0).astype(np.uint8)
         if kind != "linear":
             flags[self._net_dn - margin > high] |= Invalid.OUTSIDE_CALIBRATED.value
         if kind == "table":
@@ -193,15 +199,16 @@ class _CalibratedMap(LuminanceMap):
     @cached_property
     def _net_dn(self) -> NDArray[np.float64]:
         dark_dn = self._setting.dark.mean_dn(self._frame.exposure_s, self._frame.temperature_c)
-        return np.arange(2**self._frame.bit_depth, dtype=float) - dark_dn
+        return self._values_dn - dark_dn
 
     @property
     def _away_from_zero(self) -> NDArray[np.float64]:
         return np.where(np.abs(self._net_dn) < _LEAST_NET_DN, _LEAST_NET_DN, self._net_dn)
 
     @cached_property
-    def _luminance_by_dn(self) -> _Maps:
-        return (self._camera.response.linearise(self._net_dn) / self._scale).astype(np.float32)
+    def _luminance_by_dn(self) -> _Light:
+        luminance = self._camera.response.linearise(self._net_dn) / self._scale
+        return luminance if self._is_wide else luminance.astype(np.float32)
 
     @cached_property
     def _slope_by_dn(self) -> NDArray[np.float64]:

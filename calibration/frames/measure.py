@@ -7,12 +7,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from datetime import datetime
 from functools import cached_property
+from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.clock import exposure_text
+from ...core.dn import look_up
 from ...core.errors import CalibrationError
 from ...core.frame import PLANES, BlackPattern, Frame
 from ...core.roi import Roi
@@ -46,7 +48,7 @@ class MeasuredFrames(Observation):
 
     Parameters
     ----------
-    image_dn, variance_image_dn2 : ndarray of float32, shape (height, width)
+    image_dn, variance_image_dn2 : ndarray of float32 or float64, shape (height, width)
         Mean, and variance over the frames (n - 1; 0 for a single frame), of each pixel.
     used : ndarray of bool, shape (height, width)
         The pixels that all else is about.
@@ -60,8 +62,8 @@ class MeasuredFrames(Observation):
         The region; None for the whole image.
     """
 
-    image_dn: NDArray[np.float32]
-    variance_image_dn2: NDArray[np.float32]
+    image_dn: NDArray[np.floating[Any]]
+    variance_image_dn2: NDArray[np.floating[Any]]
     used: NDArray[np.bool_]
     clipped: NDArray[np.bool_]
     temporal: LineVariances
@@ -111,7 +113,8 @@ class MeasuredFrames(Observation):
     @property
     def pixel_mean_variance_dn2(self) -> float:
         """Variance of the mean of a typical pixel, by noise and rounding."""
-        return self.typical_variance_dn2 / self.n_frames + quantisation_variance_dn2(self.typical_variance_dn2)
+        rounding_dn2 = quantisation_variance_dn2(self.typical_variance_dn2, self.step_dn)
+        return self.typical_variance_dn2 / self.n_frames + rounding_dn2
 
 
 class FrameSums:
@@ -138,10 +141,16 @@ class FrameSums:
     ) -> None:
         self.state, self.exposure_s = state, exposure_s
         self._used, self._region = used, region
-        self._first: NDArray[np.unsignedinteger[Any]] | None = None
-        self._columns: list[NDArray[np.int64]] = []
-        self._rows: list[NDArray[np.int64]] = []
+        # Integers of 16 bits are summed exactly in integers, wider and expanded values in float64: exact to 53 bits.
+        is_wide = state.has_hand_overs
+        self._sum_type: type[np.number[Any]] = np.float64 if is_wide else np.int32
+        self._image_type: type[np.floating[Any]] = np.float64 if is_wide else np.float32
+        self._square_type: type[np.number[Any]] = np.float64 if is_wide else np.int64
+        self._first: NDArray[Any] | None = None
+        self._columns: list[NDArray[Any]] = []
+        self._rows: list[NDArray[Any]] = []
         self._saturated = self._black = self._bits = 0
+        self._steps_dn2 = 0.0
 
     @property
     def window(self) -> tuple[slice, slice]:
@@ -149,31 +158,37 @@ class FrameSums:
         return (slice(None), slice(None)) if self._region is None else self._region.window(self.state.image_shape)
 
     def add(self, dn: NDArray[np.unsignedinteger[Any]]) -> None:
-        """Add the values of a frame, shape (height, width)."""
-        first = self._first
+        """Add the values of a frame, shape (height, width); of companded data the codes."""
+        first, curve = self._first, self.state.companding
         if first is None:
-            self._first = dn.copy()
-            self._total, self._squares = np.zeros(dn.shape, np.int32), np.zeros(dn.shape, np.int64)
+            self._first = dn.copy() if curve is None else look_up(curve.linear_by_dn, dn)
+            self._total = np.zeros(dn.shape, self._sum_type)
+            self._squares = np.zeros(dn.shape, self._square_type)
             self._clipped = np.zeros(dn.shape, dtype=np.bool_)
-        columns, rows = np.zeros(dn.shape[1], np.int64), np.empty(dn.shape[0], np.int64)
+        columns, rows = np.zeros(dn.shape[1], self._square_type), np.empty(dn.shape[0], self._square_type)
         for part in blocks(dn.shape):
-            values = dn[part]
+            codes = dn[part]
+            values = codes if curve is None else look_up(curve.linear_by_dn, codes)
             if first is not None:
                 # Differences to the first frame: their squares do not cancel.
-                change = np.subtract(values, first[part], dtype=np.int32)
+                change = np.subtract(values, first[part], dtype=self._sum_type)
                 self._total[part] += change
-                self._squares[part] += np.square(change, dtype=np.int64)
-            saturated, black = values >= self.state.saturation_dn, values == 0
+                self._squares[part] += np.square(change, dtype=self._square_type)
+            saturated, black = values >= self.state.saturation_dn, codes == 0
             self._clipped[part] |= saturated | black
             if self._used is not None:
                 used = self._used[part]
-                values = np.where(used, values, values.dtype.type(0))
+                codes = np.where(used, codes, codes.dtype.type(0))
+                values = codes if curve is None else np.where(used, values, 0.0)
                 saturated, black = saturated & used, black & used
-            columns += values.sum(axis=0, dtype=np.int64)
-            rows[part] = values.sum(axis=1, dtype=np.int64)
+            columns += values.sum(axis=0, dtype=self._square_type)
+            rows[part] = values.sum(axis=1, dtype=self._square_type)
             self._saturated += int(np.count_nonzero(saturated))
             self._black += int(np.count_nonzero(black))
-            self._bits |= int(np.bitwise_or.reduce(values, axis=None))
+            self._bits |= int(np.bitwise_or.reduce(codes, axis=None))
+            if curve is not None:
+                squares = np.square(look_up(curve.steps_by_dn, codes))
+                self._steps_dn2 += float(squares.sum(where=True if self._used is None else used))
         self._columns.append(columns)
         self._rows.append(rows)
 
@@ -188,7 +203,8 @@ class FrameSums:
         n, shape = self.n_frames, self._first.shape
         used = np.ones(shape, np.bool_) if self._used is None else self._used
         size = int(np.count_nonzero(used))
-        image_dn, variance_dn2, squares = np.empty(shape, np.float32), np.empty(shape, np.float32), 0.0
+        image_dn, variance_dn2 = (np.empty(shape, self._image_type) for _ in range(2))
+        squares = 0.0
         for part in blocks(shape):
             total = self._total[part]
             # Sums of the squared deviations from each pixel's own mean.
@@ -221,6 +237,7 @@ class FrameSums:
             saturated_share=self._saturated / (size * n),
             black_share=self._black / (size * n),
             multiple=min(self._bits & -self._bits, 16) if self._bits else 1,
+            step_dn=sqrt(self._steps_dn2 / (size * n)) if self.state.companding is not None else 1.0,
         )
 
 
@@ -230,7 +247,7 @@ def blocks(shape: tuple[int, ...]) -> Iterator[slice]:
     return (slice(start, start + step) for start in range(0, shape[0], step))
 
 
-def _line_variance(sums: NDArray[np.int64], counts: NDArray[np.int64], frame_means: NDArray[np.float64]) -> float:
+def _line_variance(sums: NDArray[Any], counts: NDArray[np.int64], frame_means: NDArray[np.float64]) -> float:
     """Variance over the frames of the means of columns or rows, less the mean of the frame."""
     if len(frame_means) < 2:
         return 0.0

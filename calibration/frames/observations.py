@@ -9,15 +9,18 @@ from math import inf
 from typing import Any, TypeAlias
 
 from ...core.clock import exposure_text
+from ...core.companding import Companding
 from ...core.errors import CalibrationError, InputError
-from ...core.frame import CameraIdentity, Frame, Readout, nominal_black_dn
+from ...core.frame import MOST_BITS, CameraIdentity, Frame, Readout, nominal_black_dn
 from ...core.vignetting import AnyVignetting, Cos4Vignetting
 from .nonuniformity import Nonuniformity
-from .rounding import ROUNDING_DN2, quantisation_variance_dn2
+from .rounding import quantisation_variance_dn2
 from .statistics import Level, lines_variance_dn2
 
 #: Largest difference of equal gains, which cameras report rounded.
 GAIN_TOLERANCE_DB = 1e-6
+#: Most bits of the converter of a single capture: more are those of a merge.
+MOST_BITS_OF_ONE_CAPTURE = 16
 #: Largest height and width of an image.
 _MOST_SIDE = 2**20
 
@@ -33,13 +36,13 @@ class CameraState:
     pixel_format : str
         GenICam PFNC name.
     bit_depth : int
-        Bits of the DN scale.
+        Bits of the DN scale; of companded data those of a code as it is stored.
     image_shape : (int, int)
         Height and width in pixels; binning changes the responsivity, cropping the optical axis.
     gain_db : float
         Analogue gain.
     saturation_dn : float
-        DN from which a pixel counts as saturated.
+        DN from which a pixel counts as saturated; of companded data the linear value.
     black_level_dn : float or None
         Black level that files state.
     plane : str or None
@@ -48,6 +51,8 @@ class CameraState:
         Part of the sensor that the image shows; None if unknown, which fits any.
     black_level_register : float or None
         Black level set in the camera; dark frames are valid only for this one.
+    companding : Companding or None
+        Curve by which DN of frames are codes: all levels are of its linear values. None for DN as they are.
     """
 
     camera: CameraIdentity
@@ -60,12 +65,13 @@ class CameraState:
     plane: str | None = None
     readout: Readout | None = None
     black_level_register: float | None = None
+    companding: Companding | None = None
 
     def __post_init__(self) -> None:
         if not all(1 <= side <= _MOST_SIDE for side in self.image_shape):
             raise InputError(f"image_shape is {self.image_shape}: give height and width in pixels, up to {_MOST_SIDE}")
-        if not 1 <= self.bit_depth <= 16:
-            raise InputError(f"bit_depth is {self.bit_depth}: give 1 to 16 bits")
+        if not 1 <= self.bit_depth <= MOST_BITS:
+            raise InputError(f"bit_depth is {self.bit_depth}: give 1 to {MOST_BITS} bits")
 
     @classmethod
     def of(cls, frame: Frame) -> CameraState:
@@ -75,8 +81,8 @@ class CameraState:
                 f"the frame has a colour filter ({frame.colour_filter}), its pixels of one colour are measured apart: "
                 "split it into its planes"
             )
-        names = (field.name for field in fields(cls))
-        return cls(**{name: getattr(frame, "shape" if name == "image_shape" else name) for name in names})
+        of_frame = {"image_shape": "shape", "saturation_dn": "linear_saturation_dn"}
+        return cls(**{field.name: getattr(frame, of_frame.get(field.name, field.name)) for field in fields(cls)})
 
     def require(self, other: CameraState, mine: str, theirs: str, gains_db: Sequence[float] = ()) -> None:
         """Refuse another state.
@@ -100,6 +106,7 @@ class CameraState:
             ("camera", str(self.camera), str(other.camera)),
             ("pixel format", self.pixel_format, other.pixel_format),
             ("colour plane", self.plane, other.plane),
+            ("curve of its codes", str(self.companding or "none"), str(other.companding or "none")),
             ("bit depth", self.bit_depth, other.bit_depth),
             ("image size", _size(self.image_shape), _size(other.image_shape)),
             *Readout.compared(self.readout, other.readout),
@@ -125,7 +132,14 @@ class CameraState:
     @property
     def nominal_black_dn(self) -> float:
         """Black level in DN where nothing was measured."""
+        if self.companding is not None:
+            return 0.0
         return nominal_black_dn(self.black_level_dn, self.black_level_register, self.bit_depth)
+
+    @property
+    def has_hand_overs(self) -> bool:
+        """Whether values may be merged of several captures, of which each has a noise of its own."""
+        return self.companding is not None or self.bit_depth > MOST_BITS_OF_ONE_CAPTURE
 
     def has_gain(self, *gains_db: float) -> bool:
         """Whether its gain is one of these."""
@@ -297,12 +311,12 @@ class DarkObservation(Observation):
         """Variance of the mean of one frame by noise of pixels, columns and rows, with rounding as the least noise."""
         rows, columns = self.state.image_shape
         of_lines = lines_variance_dn2(self.line_noise_dn, (columns, rows))
-        return max(self.temporal_variance_dn2, ROUNDING_DN2) / self.n_pixels + of_lines
+        return max(self.temporal_variance_dn2, self.rounding_dn2_of_pixel) / self.n_pixels + of_lines
 
     @property
     def rounding_dn2(self) -> float:
         """Variance of the mean by rounding."""
-        return quantisation_variance_dn2(self.temporal_variance_dn2 + self.pattern_dn**2)
+        return quantisation_variance_dn2(self.temporal_variance_dn2 + self.pattern_dn**2, self.step_dn)
 
     @property
     def mean_variance_dn2(self) -> float:

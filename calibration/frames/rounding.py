@@ -41,8 +41,8 @@ class Range(NamedTuple):
         return Range(float(np.sqrt(self.least)), float(np.sqrt(self.largest)))
 
 
-def quantisation_variance_dn2(variance_dn2: float) -> float:
-    """Variance by rounding to whole DN of the mean of any number of pixels.
+def quantisation_variance_dn2(variance_dn2: float, step_dn: float = 1.0) -> float:
+    """Variance by rounding to steps, of whole DN or of codes, of the mean of any number of pixels.
 
     Noise dithers the rounding. With normal noise of standard deviation s DN the mean of rounded values is off by a
     Fourier series in the mean, with variance sum_k exp(-4 pi^2 k^2 s^2) / (2 pi^2 k^2) over all offsets (B. Widrow
@@ -51,9 +51,11 @@ def quantisation_variance_dn2(variance_dn2: float) -> float:
     Parameters
     ----------
     variance_dn2 : float
-        Variance of the rounded values over pixels and frames, which includes about 1/12 DN^2 of rounding.
+        Variance of the rounded values over pixels and frames, which includes about 1/12 of the square of the step.
+    step_dn : float
+        The step.
     """
-    return ROUNDING_DN2 * exp(-4 * pi**2 * max(variance_dn2 - ROUNDING_DN2, 0.0))
+    return step_dn**2 * ROUNDING_DN2 * exp(-4 * pi**2 * max(variance_dn2 / step_dn**2 - ROUNDING_DN2, 0.0))
 
 
 def rounded_moments(means_dn: FloatArray, variance_dn2: float) -> tuple[FloatArray, FloatArray]:

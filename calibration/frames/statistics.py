@@ -70,6 +70,8 @@ class Level:
         Share of the values at or above saturation, and at DN 0.
     multiple : int
         Largest power of two that divides all values, up to 16; 1 if a value is odd.
+    step_dn : float
+        Linear values that share a code, root mean square over the pixels; 1 for DN that are no codes.
     """
 
     mean_dn: float
@@ -79,6 +81,12 @@ class Level:
     saturated_share: float = 0.0
     black_share: float = 0.0
     multiple: int = 1
+    step_dn: float = 1.0
+
+    @property
+    def rounding_dn2_of_pixel(self) -> float:
+        """Variance of rounding, of one pixel: step^2 / 12."""
+        return ROUNDING_DN2 * self.step_dn**2
 
     @property
     def n_frames(self) -> int:
@@ -97,5 +105,5 @@ class Level:
 
     @property
     def mean_variance_dn2(self) -> float:
-        """Variance of the mean by temporal noise, with 1/12 DN^2 of rounding as the least."""
-        return max(self.temporal_variance_dn2, ROUNDING_DN2) / (self.n_pixels * self.n_frames)
+        """Variance of the mean by temporal noise, with that of rounding as the least."""
+        return max(self.temporal_variance_dn2, self.rounding_dn2_of_pixel) / (self.n_pixels * self.n_frames)

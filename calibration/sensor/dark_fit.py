@@ -211,6 +211,8 @@ def noise_line(darks: Sequence[DarkObservation], growth: Array) -> Line:
 
 def variance_uncertainties_dn2(darks: Sequence[DarkObservation]) -> Array:
     """Return the uncertainties of normal variances, of rounding at least, with what rounding may have changed."""
-    variances = [d.temporal_variance_dn2 for d in darks]
-    by_frames = [max(v, ROUNDING_DN2) * sqrt(2 / d.dof) for v, d in zip(variances, darks, strict=True)]
-    return np.hypot(by_frames, [variance_before_rounding(v).error_of(v - ROUNDING_DN2) for v in variances])
+    steps_dn2 = np.array([d.step_dn**2 for d in darks])
+    by_frames = [max(d.temporal_variance_dn2, d.rounding_dn2_of_pixel) * sqrt(2 / d.dof) for d in darks]
+    in_steps = [d.temporal_variance_dn2 / d.step_dn**2 for d in darks]
+    by_rounding = [variance_before_rounding(v).error_of(v - ROUNDING_DN2) for v in in_steps]
+    return np.hypot(by_frames, steps_dn2 * by_rounding)

@@ -214,7 +214,7 @@ def dark_library(darks: Sequence[MeasuredFrames], defects: DefectMap | None = No
     # Noise differs between sets, as dark current adds to it; it cannot be estimated from a single frame.
     dof, typical_dn2 = zip(*((d.dof, d.typical_variance_dn2) for d in repeated), strict=True)
     average_dn2 = float(np.average(typical_dn2, weights=dof))
-    of_one = average_dn2 + quantisation_variance_dn2(average_dn2)
+    of_one = average_dn2 + quantisation_variance_dn2(average_dn2, repeated[0].step_dn)
     variances = [d.pixel_mean_variance_dn2 if d.n_frames > 1 else of_one for d in darks]
     noise = np.zeros((2, 2))
     noise[: len(solve), : len(solve)] = (solve * np.array(variances)) @ solve.T

@@ -13,7 +13,6 @@ from ...core.result import Finding, warning
 from ...core.vignetting import RadialVignetting
 from ..frames.defects import Defect, DefectMap
 from ..frames.measure import MeasuredFrames
-from ..frames.rounding import ROUNDING_DN2
 
 Array = NDArray[np.float64]
 
@@ -70,7 +69,7 @@ def find_defects(dark: MeasuredFrames, light: MeasuredFrames | None = None) -> D
         net = light.image_dn - dark.image_dn
         around = median_around(net)
         typical = float(np.median(net))
-        if typical < 5 * sqrt(dark.typical_variance_dn2 + ROUNDING_DN2):
+        if typical < 5 * sqrt(dark.typical_variance_dn2 + dark.rounding_dn2_of_pixel):
             raise CalibrationError(
                 f"the light frames are {typical:.3g} DN above the dark ones, too little to find dead pixels: light the "
                 "sensor to half of its saturation"
@@ -96,7 +95,7 @@ def _noisy(statistics: MeasuredFrames) -> NDArray[np.bool_]:
         float(np.quantile(statistics.image_dn, 0.99)) / max(float(np.median(statistics.image_dn)), 1e-9), 1.0
     )
     limit = typical * brightest * float(chdtri(dof, NOISY_CHANCE)) / dof
-    noisy: NDArray[np.bool_] = statistics.variance_image_dn2 > max(limit, ROUNDING_DN2)
+    noisy: NDArray[np.bool_] = statistics.variance_image_dn2 > max(limit, statistics.rounding_dn2_of_pixel)
     return noisy
 
 

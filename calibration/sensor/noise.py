@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf, log, sqrt
+from math import inf, isnan, log, nan, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.companding import Companding
 from ...core.dn import Response
 from ...core.errors import CalibrationError, InputError, require_not_negative
 from ...core.quantity import Quantity
-from ...core.result import Finding, warning
+from ...core.result import Finding, info, warning
 from ..frames.observations import GAIN_TOLERANCE_DB, PatchObservation
 from ..frames.rounding import ROUNDING_DN2
 from ..frames.statistics import MAX_CLIPPED_SHARE
@@ -34,6 +35,14 @@ _CONTRADICTION = 0.05
 _FIRST_BY_CHANCE = 0.0027
 #: Fewest frames that show whether the first differs from others that agree.
 _FEWEST_FRAMES = 3
+#: Ratio of a variance to that by a single K from which captures of different noise hand over: far beyond what a line
+#: of photon transfer departs by, a judgement.
+_HANDED_OVER = 1.25
+#: Variance in squares of the step from which it tells the noise: that of 0.34 steps. By where the mean lies, rounding
+#: moves it by up to exp(-2 pi^2 s^2) (1 / pi^2 + 4 s^2), a quarter of all (Widrow and Kollar, Quantization Noise).
+_TELLING = 0.2
+#: Ratio of signals that count as one for the noise.
+_ONE_SIGNAL = 1.1
 #: Rounds of weights; they change little after the second.
 _ROUNDS = 4
 
@@ -62,6 +71,14 @@ class TemporalNoise:
     flickers : tuple of (float, float, int)
         Exposure in s, and flicker there with its degrees of freedom, where they differ from exposure to exposure, as of
         a pulsed lamp; empty where one flicker describes all.
+    by_signal : tuple of (float, float)
+        Rising signals above dark, and the variances there without rounding, of a camera that hands over from a capture
+        to the next, each with a noise of its own; empty where K describes all. Between them the variance is
+        interpolated in logarithms.
+    companding : Companding or None
+        Curve whose steps round the values: step^2 / 12 in the place of 1/12 DN^2; None for whole DN.
+    dark_dn : float
+        Linear value of the dark signal on the curve.
 
     Raises
     ------
@@ -82,9 +99,13 @@ class TemporalNoise:
     flicker_dof: int = 0
     prnu_rel: float = 0.0
     flickers: tuple[tuple[float, float, int], ...] = ()
+    by_signal: tuple[tuple[float, float], ...] = ()
+    companding: Companding | None = None
+    dark_dn: float = 0.0
 
     def __post_init__(self) -> None:
         require_not_negative(
+            by_signal=[value for row in self.by_signal for value in row],
             k_dn_per_e=self.k_dn_per_e,
             dark_noise_dn=self.dark_noise_dn,
             flicker_rel=self.flicker_rel,
@@ -120,12 +141,41 @@ class TemporalNoise:
             Variance in the dark at the same exposure and temperature; None for zero exposure. Not used with a tone
             curve, whose noise in the dark says little about that at other signals.
         """
+        more_dn2 = self._rounding_dn2(net_dn)
         if self.tone is None:
             dark_dn2 = self.dark_noise_dn**2 if dark_variance_dn2 is None else dark_variance_dn2
-            variance: NDArray[np.float64] = self.k_dn_per_e * np.maximum(net_dn, 0.0) + dark_dn2
-            return variance
-        variance = self.k_dn_per_e * np.maximum(self.tone.linearise(net_dn), 0.0) + self.dark_noise_dn**2
-        return variance / self.tone.slope(net_dn) ** 2 + ROUNDING_DN2
+            # That in the dark includes the rounding there.
+            of_light: Array = self._of_light_dn2(net_dn, dark_dn2) + more_dn2 - self._rounding_dn2(np.zeros(()))
+            return of_light
+        variance: Array = self.k_dn_per_e * np.maximum(self.tone.linearise(net_dn), 0.0) + self.dark_noise_dn**2
+        return variance / self.tone.slope(net_dn) ** 2 + more_dn2
+
+    def _of_light_dn2(self, net_dn: NDArray[np.floating[Any]], dark_dn2: float) -> Array:
+        """Variance of light and dark signal, with the rounding in the dark alone."""
+        signal = np.maximum(net_dn, 0.0)
+        if not self.by_signal:
+            line: Array = self.k_dn_per_e * signal + dark_dn2
+            return line
+        at, variance = np.array(self.by_signal).T
+        # Photons add to what there is in the dark, and beyond the last signal.
+        first = dark_dn2 + (variance[0] - dark_dn2) * signal / at[0]
+        last = variance[-1] * signal / at[-1]
+        between = np.exp(np.interp(np.log(np.maximum(signal, at[0])), np.log(at), np.log(variance)))
+        total: Array = np.where(signal < at[0], first, np.where(signal > at[-1], last, between))
+        return total
+
+    def _rounding_dn2(self, net_dn: NDArray[np.floating[Any]]) -> Array:
+        """Variance of rounding, by the step of the code there."""
+        rounding: Array = ROUNDING_DN2 * curve_steps_dn(self.companding, np.asarray(net_dn) + self.dark_dn) ** 2
+        return rounding
+
+
+def curve_steps_dn(curve: Companding | None, linear_dn: NDArray[np.floating[Any]]) -> Array:
+    """Return the linear values that share a code, at linear values of any shape; 1 without a curve."""
+    if curve is None:
+        return np.ones(np.shape(linear_dn))
+    steps: Array = np.interp(linear_dn, curve.linear_by_dn, curve.steps_by_dn)
+    return steps
 
 
 def fit_noise(
@@ -154,16 +204,28 @@ def fit_noise(
     list of Finding
         Findings for the user.
     """
-    light = light_flicker(observations, dark)
-    noise = TemporalNoise(0.0, dark.noise_dn, tone, light.flicker_rel, light.dof, flickers=light.by_exposure)
+    light, state = light_flicker(observations, dark), observations[0].state if observations else None
+    noise = TemporalNoise(
+        0.0,
+        dark.noise_dn,
+        tone,
+        light.flicker_rel,
+        light.dof,
+        flickers=light.by_exposure,
+        companding=None if state is None else state.companding,
+        dark_dn=dark.offset_dn,
+    )
     points = []
     for o in observations:
         dark_dn = dark.mean_dn(o.exposure_s, o.temperature_c)
         net_dn = o.net_dn_at_pixel(dark_dn)
-        in_range = 0 < net_dn <= FIT_SHARE * (o.state.saturation_dn - dark_dn)
-        if in_range and _unclipped(o) and noise.covers(net_dn):
+        # Of merged captures each ends far below saturation.
+        share = 1.0 if o.state.has_hand_overs else FIT_SHARE
+        in_range = 0 < net_dn <= share * (o.state.saturation_dn - dark_dn)
+        variance_dn2 = _without_step_dn2(o)
+        if in_range and not isnan(variance_dn2) and _unclipped(o) and noise.covers(net_dn):
             dark_dn2 = dark.noise_variance_dn2(o.exposure_s, o.temperature_c)
-            points.append((net_dn, o.temporal_variance_dn2, o.dof, dark_dn2))
+            points.append((net_dn, variance_dn2, o.dof, dark_dn2))
     findings = first_frames(observations, dark)
     if not points:
         return noise, [*findings, warning("k-unknown", share=FIT_SHARE)]
@@ -172,9 +234,69 @@ def fit_noise(
         k, read_dn = _before_tone(net, variance, dof, tone)
         return replace(noise, k_dn_per_e=k, dark_noise_dn=read_dn), findings
     k = weighted_gain(net, variance - dark_dn2, dark_dn2, dof).value
+    if state is not None and state.has_hand_overs and _departs(net, variance, k, dark_dn2):
+        by_signal = noise_by_signal(net, variance, dof)
+        return replace(noise, by_signal=by_signal), [*findings, _handed_over(by_signal)]
     if k <= 0:
         return noise, [*findings, warning("k-not-positive", k_dn_per_e=k)]
     return replace(noise, k_dn_per_e=k), findings
+
+
+def _without_step_dn2(o: PatchObservation) -> float:
+    """Return a variance with the rounding to whole DN in the place of that to codes; nan if that hides the noise."""
+    if o.state.companding is None:
+        return o.temporal_variance_dn2
+    if o.step_dn > 1 and o.temporal_variance_dn2 < _TELLING * o.step_dn**2:
+        return nan
+    return o.temporal_variance_dn2 - ROUNDING_DN2 * (o.step_dn**2 - 1)
+
+
+def _departs(net_dn: Array, variance_dn2: Array, k: float, dark_dn2: Array) -> bool:
+    """Whether variances are not those of a single K, by more than its line may be off."""
+    line_dn2 = max(k, 0.0) * net_dn + dark_dn2
+    ratio = np.maximum(variance_dn2, 1e-12) / np.maximum(line_dn2, 1e-12)
+    return bool(np.max(np.abs(np.log(ratio))) > log(_HANDED_OVER))
+
+
+def noise_by_signal(net_dn: Array, variance_dn2: Array, dof: Array) -> tuple[tuple[float, float], ...]:
+    """Join variances at nearly equal signals to one each, weighted by their degrees of freedom.
+
+    Parameters
+    ----------
+    net_dn, variance_dn2, dof : ndarray of float, shape (n,)
+        Signals above dark and variances there, above 0, with their degrees of freedom.
+
+    Returns
+    -------
+    tuple of (float, float)
+        Rising signals, and the variances.
+
+    Examples
+    --------
+    >>> noise_by_signal(np.array([100.0, 1.0, 101.0]), np.array([20.0, 4.0, 24.0]), np.array([10, 10, 10]))
+    ((1.0, 4.0), (100.5, 22.0))
+    """
+    net_dn, variance_dn2, dof = (values[variance_dn2 > 0] for values in (net_dn, variance_dn2, dof))
+    order = np.argsort(net_dn)
+    starts = [0]
+    for at, signal in enumerate(net_dn[order]):
+        if signal > _ONE_SIGNAL * net_dn[order][starts[-1]]:
+            starts.append(at)
+    groups = np.split(order, starts[1:])
+    return tuple(
+        (float(np.average(net_dn[g], weights=dof[g])), float(np.average(variance_dn2[g], weights=dof[g])))
+        for g in groups
+    )
+
+
+def _handed_over(by_signal: Sequence[tuple[float, float]]) -> Finding:
+    """Say at which signal the SNR falls most although the signal rises."""
+    signal, variance = np.array(by_signal).T
+    snr = signal / np.sqrt(variance)
+    drop = snr[1:] / snr[:-1]
+    at = int(np.argmin(drop)) if drop.size else 0
+    fall = float(drop[at]) if drop.size else 1.0
+    return info("noise-by-signal", count=signal.size, fall_rel=max(1 - fall, 0.0), net_dn=float(signal[at]))
 
 
 class Flicker(NamedTuple):

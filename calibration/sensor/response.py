@@ -129,6 +129,11 @@ def response_from_bracket(frames: Sequence[Frame], dark_dn: float) -> ResponseCu
     """
     groups_of_frames = _by_exposure(frames)
     exposures_s = tuple(groups_of_frames)
+    if CameraState.of(frames[0]).has_hand_overs:
+        raise CalibrationError(
+            "the response of a bracket is for cameras of one capture and up to 16 bits: leave it out, the fit of the "
+            "patches finds what the curve of the codes leaves"
+        )
     every = max(frames[0].dn.size // _MOST_PIXELS, 1)
     sampled = [[frame.dn.ravel()[::every] for frame in group] for group in groups_of_frames.values()]
     net_dn = np.stack([np.mean(group, axis=0) for group in sampled]) - dark_dn

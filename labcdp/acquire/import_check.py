@@ -141,12 +141,15 @@ def read_import_file(file: ImportFile, configuration: SessionConfiguration) -> F
         exposure_s=file.exposure_s,
         gain_db=configuration.plan.gain_db,
         camera=CameraIdentity(camera.vendor or "unknown", camera.model or "unknown", camera.serial or "unknown"),
+        encoding=camera.curve,
     )
     if file.path.suffix.lower() in IMAGE_SUFFIXES:
         read = read_image(file.path, pixel_format(configuration.plan.pixel_format), defaults)
+    elif camera.curve is not None:
+        raise InputError(f"{file.path} is a camera RAW, which states its curve itself: leave the encoding out")
     else:
         read = read_raw(file.path, defaults)
-    return replace(read, frame=replace(read.frame, temperature_c=file.temperature_c))
+    return replace(read, frame=replace(camera.stated(read.frame), temperature_c=file.temperature_c))
 
 
 def _require_bench(configuration: SessionConfiguration, read: FileFrame) -> None:

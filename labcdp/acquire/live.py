@@ -159,10 +159,10 @@ class LiveNumbers:
         return tuple(numbers for patch in self._patches if (numbers := patch.numbers) is not None)
 
 
-def region_values(frame: Frame, region: Roi) -> NDArray[np.unsignedinteger[Any]]:
-    """Return a copy of the DN of a region of a frame, shape (n,); raises InputError as `Roi.mask`."""
+def region_values(frame: Frame, region: Roi) -> NDArray[Any]:
+    """Return a copy of the linear DN of a region of a frame, shape (n,); raises InputError as `Roi.mask`."""
     window, mask = _window_and_mask(region, frame.shape)
-    values = frame.dn[window]
+    values = frame.linear_dn(window)
     return values.flatten() if mask is None else values[mask]
 
 
@@ -193,12 +193,12 @@ class _PatchAccumulator:
             shift = float(difference.mean(dtype=np.float64))
             self._variances += max(float(np.dot(difference, difference)) / difference.size - shift**2, 0.0)
             self._squares += (mean - self._last_mean) ** 2
-        self._saturated += np.count_nonzero(values >= frame.saturation_dn) / values.size
+        self._saturated += np.count_nonzero(values >= frame.linear_saturation_dn) / values.size
         self._weighted += self._n * mean
         self._means += mean
         self._n += 1
         self._exposure_s = frame.exposure_s
-        self._saturation_dn = frame.saturation_dn
+        self._saturation_dn = frame.linear_saturation_dn
         self._last, self._last_mean = kept, mean
 
     @property

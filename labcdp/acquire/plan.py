@@ -315,7 +315,8 @@ def check_room(camera: Camera, session: Session) -> None:
         With required space, free space, and number of frames that fit.
     """
     settings = camera.settings
-    bytes_per_pixel = 1 if pixel_format(session.configuration.plan.pixel_format).bit_depth <= 8 else 2
+    bits = pixel_format(session.configuration.plan.pixel_format).bit_depth
+    bytes_per_pixel = 1 if bits <= 8 else 2 if bits <= 16 else 4
     frame_bytes = settings.width * settings.height * bytes_per_pixel + _FILE_BYTES
     n = remaining(session).frames
     free = shutil.disk_usage(session.path).free

@@ -76,7 +76,7 @@ class SearchFrame:
             values = region_values(frame, region)
             high = float(np.quantile(values, HIGH_QUANTILE, method="higher"))
             levels[region.name] = PatchLevel(float(values.mean(dtype=np.float64)), high)
-        return cls(frame.exposure_s, levels, frame.saturation_dn)
+        return cls(frame.exposure_s, levels, frame.linear_saturation_dn)
 
 
 @dataclass(frozen=True)

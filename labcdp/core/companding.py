@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import tomllib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property, lru_cache
 from importlib.resources import files
 from math import ceil, log2
@@ -171,6 +173,48 @@ class Companding:
         """Linear value of each DN of a file of `bits` bits, over `scale`; shape (2**bits,)."""
         return self.linear(np.arange(2**bits) / 2.0**self.shift) / self.scale
 
+    @cached_property
+    def linear_by_dn(self) -> NDArray[np.float64]:
+        """Linear value of each DN of a file, without the black level; shape (2**file_bits,), read-only."""
+        values = self.linear(np.arange(2**self.file_bits) / 2.0**self.shift)
+        values.flags.writeable = False
+        return values
+
+    @cached_property
+    def steps_by_dn(self) -> NDArray[np.float64]:
+        """Linear values that a code stands for, by the DN of a file; shape (2**file_bits,), read-only.
+
+        A code holds what is rounded to it: half of the way to the code below and half of that to the code above.
+        """
+        net = np.arange(2**self.file_bits) / 2.0**self.shift - self.black_code
+        last = self.codes[-1]
+        edges = [np.minimum(net + half, last) for half in (-0.5, 0.5)]
+        slope = (self.values[-1] - self.values[-2]) / (self.codes[-1] - self.codes[-2])
+        steps = np.diff([np.interp(edge, self.codes, self.values) for edge in edges], axis=0)[0]
+        first = (self.values[1] - self.values[0]) / (self.codes[1] - self.codes[0])
+        steps = np.where(net < 0.5, first, np.where(net >= last, slope, steps))
+        steps.flags.writeable = False
+        return steps
+
+    @property
+    def linear_saturation_dn(self) -> float:
+        """Linear value from which a pixel is saturated, without the black level."""
+        return float(self.values[-1] - self.black_value)
+
+    @cached_property
+    def sha256(self) -> str:
+        """Hash of all that it states, which tells curves of one name apart."""
+        return hashlib.sha256(json.dumps(asdict(self), sort_keys=True).encode()).hexdigest()
+
+    @property
+    def identity(self) -> dict[str, str]:
+        """Name and hash, by which a recorded frame refers to its curve."""
+        return {"name": self.name, "sha256": self.sha256}
+
+    def __str__(self) -> str:
+        """Return the name, and the beginning of the hash."""
+        return f"{self.name} ({self.sha256[:8]})"
+
     def image_rows(self, values: NDArray[Any]) -> NDArray[Any]:
         """Return the rows of an image without embedded ones; raises InputError if none is left."""
         above, below = self.embedded_rows
@@ -193,6 +237,18 @@ def shipped_curves() -> list[str]:
     """
     folder = files("labcdp").joinpath("data", "curves")
     return sorted(file.name.removesuffix(".toml").upper() for file in folder.iterdir())
+
+
+def shipped_curve_with(sha256: str) -> Companding | None:
+    """Return the curve that ships with labcdp and has this hash; None if there is none.
+
+    Examples
+    --------
+    >>> from labcdp.core.companding import shipped_curve, shipped_curve_with
+    >>> shipped_curve_with(shipped_curve("AR0820").sha256).name
+    'AR0820'
+    """
+    return next((curve for curve in map(shipped_curve, shipped_curves()) if curve.sha256 == sha256), None)
 
 
 @lru_cache(maxsize=8)

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from .disk.files import quoted
 from .errors import InputError
 
-Packing = Literal["byte", "word", "lsb12", "gige12"]
+Packing = Literal["byte", "word", "dword", "lsb12", "gige12"]
 #: Pixels that are looked up at a time: few enough to stay in the processor's cache.
 _BLOCK = 2**15
 #: Steps between DN from which a response is inverted.
@@ -34,8 +34,8 @@ class PixelFormat:
         PFNC code, as in the GVSP leader.
     bit_depth : int
         Bits of the DN scale.
-    packing : {'byte', 'word', 'lsb12', 'gige12'}
-        One byte a pixel; one little-endian 16-bit word a pixel; two pixels in three bytes, least significant
+    packing : {'byte', 'word', 'dword', 'lsb12', 'gige12'}
+        One byte a pixel; one little-endian word of 16 or 32 bits a pixel; two pixels in three bytes, least significant
         bits first (``p``); two pixels in three bytes, high bytes outside (``Packed``).
     colour_filter : str or None
         First two pixels of the Bayer pattern, or None.
@@ -50,11 +50,11 @@ class PixelFormat:
     @property
     def typestr(self) -> str | None:
         """Type of a pixel, as in NumPy's array interface, where each lies in memory by itself; else None."""
-        return {"byte": "|u1", "word": "<u2"}.get(self.packing)
+        return {"byte": "|u1", "word": "<u2", "dword": "<u4"}.get(self.packing)
 
     def payload_bytes(self, n_pixels: int) -> int:
         """Bytes that `n_pixels` take."""
-        bits = {"byte": 8, "word": 16, "lsb12": 12, "gige12": 12}[self.packing]
+        bits = {"byte": 8, "word": 16, "dword": 32, "lsb12": 12, "gige12": 12}[self.packing]
         return (n_pixels * bits + 7) // 8
 
     def unpack(self, payload: NDArray[np.uint8], shape: tuple[int, int]) -> NDArray[np.unsignedinteger[Any]]:
@@ -69,7 +69,7 @@ class PixelFormat:
 
         Returns
         -------
-        ndarray of uint8 or uint16, shape (height, width)
+        ndarray of uint8, uint16 or uint32, shape (height, width)
             A view of `payload` where the layout allows; else read-only memory of its own.
 
         Raises
@@ -98,8 +98,8 @@ class PixelFormat:
         """
         if self.packing == "byte":
             return dn.astype(np.uint8, copy=False).ravel()
-        if self.packing == "word":
-            return np.ascontiguousarray(dn, dtype="<u2").ravel().view(np.uint8)
+        if self.packing in ("word", "dword"):
+            return np.ascontiguousarray(dn, dtype=self.typestr).ravel().view(np.uint8)
         return _pack12(dn.ravel(), self.packing)[: self.payload_bytes(dn.size)]
 
 
@@ -146,20 +146,26 @@ PIXEL_FORMATS: dict[str, PixelFormat] = {
 }
 
 
+#: Formats of files beside them, in the way of the PFNC: linear values of merged exposures in words of 32 bits.
+FILE_FORMATS: dict[str, PixelFormat] = {
+    f"{kind}{bits}": PixelFormat(f"{kind}{bits}", 0, bits, "dword", kind[5:] or None)
+    for kind in ("Mono", "BayerGR", "BayerRG", "BayerGB", "BayerBG")
+    for bits in (20, 24)
+}
+
+
 def pixel_format(name: str) -> PixelFormat:
-    """Return the format of that name.
+    """Return the format of that name, of cameras or of files.
 
     Raises
     ------
     InputError
         If it is not supported; the message lists the names.
     """
-    try:
-        return PIXEL_FORMATS[name]
-    except KeyError:
-        raise InputError(
-            f"pixel format {quoted(name)} is not supported: choose one of {', '.join(sorted(PIXEL_FORMATS))}"
-        ) from None
+    known = PIXEL_FORMATS | FILE_FORMATS
+    if name not in known:
+        raise InputError(f"pixel format {quoted(name)} is not supported: choose one of {', '.join(sorted(known))}")
+    return known[name]
 
 
 def look_up(
@@ -171,8 +177,8 @@ def look_up(
     ----------
     table : ndarray, shape (n,)
         Value by DN; DN beyond it get the last value.
-    dn : ndarray of uint8 or uint16, shape (height, width)
-        The DN.
+    dn : ndarray of unsigned integers, shape (height, width)
+        The DN, or other indices.
     factor : ndarray, shape (height, width), or None
         What values are multiplied by.
 

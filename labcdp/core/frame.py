@@ -7,24 +7,31 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.clock import exposure_text
+from .companding import Companding, shipped_curve_with
 from .disk import quoted, record_of
+from .disk.files import shown
+from .dn import look_up
 from .errors import InputError, naming
 from .result import html_table
 
-_DN_TYPES = (np.dtype(np.uint8), np.dtype(np.uint16))
+_DN_TYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.uint32))
+#: Most bits of DN: those that float32, in which images are displayed and stored, holds exactly.
+MOST_BITS = 24
 
 #: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
 COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
 #: Place of the red pixel in the first 2 x 2, row by row.
 _RED_AT = {"RG": 0, "GR": 1, "GB": 2, "BG": 3}
-_NOT_RECORDED = ("dn", "camera", "clipped")
+_NOT_RECORDED = ("dn", "camera", "clipped", "companding")
+#: Most bits of DN for each of which tables have a value.
+_INDEXED_BITS = 16
 #: Depth of the DN in which the register of a Manta counts.
 _REGISTER_BITS = 12
 #: Colour planes of a Bayer frame: green pixels by the colour they share a row with.
@@ -219,19 +226,39 @@ def _offsets_dn(pattern: BlackPattern, shape: tuple[int, int]) -> NDArray[np.flo
 
 
 @dataclass(frozen=True, eq=False)
+class DnLevels:
+    """Linear values of a frame in the order of an index.
+
+    Parameters
+    ----------
+    values_dn : ndarray of float64, shape (n,)
+        Linear value by index, rising.
+    steps_dn : ndarray of float64, shape (n,)
+        Linear values that share a DN, by index: what rounding is relative to.
+    index : ndarray of unsigned integers, shape (height, width)
+        Index of each pixel.
+    """
+
+    values_dn: NDArray[np.float64]
+    steps_dn: NDArray[np.float64]
+    index: NDArray[np.unsignedinteger[Any]]
+
+
+@dataclass(frozen=True, eq=False)
 class Frame:
     """An immutable image in DN, from a camera, recorded session, file or simulation.
 
     Parameters
     ----------
-    dn : ndarray of uint8 or uint16, shape (height, width)
-        Digital numbers; made read-only on construction (copied only if writable elsewhere).
+    dn : ndarray of uint8, uint16 or uint32, shape (height, width)
+        Digital numbers; made read-only on construction (copied only if writable elsewhere). uint32 for more than 16
+        bits.
     exposure_s : float
         Exposure time in seconds, as the device applied it.
     gain_db : float
         Analogue gain in dB (20 log10 of the amplitude ratio).
     bit_depth : int
-        Bits of the DN scale, 1 to 16.
+        Bits of the DN scale, 1 to 24.
     saturation_dn : float
         DN from which a pixel counts as saturated; at most ``2**bit_depth - 1``.
     black_level_dn : float or None
@@ -261,6 +288,9 @@ class Frame:
         What the black levels of pixels add to `black_level_dn`; None if all pixels have the same.
     clipped : ndarray of bool, shape (height, width), or None
         Of DN that were made of colours: pixels of which a colour was at its highest value. Not recorded.
+    companding : Companding or None
+        Curve by which the DN are codes of linear values; None if they are in proportion to light, or to a response that
+        is to be found. Its name and hash are recorded.
 
     Raises
     ------
@@ -294,13 +324,21 @@ class Frame:
     clipped: NDArray[np.bool_] | None = None
     readout: Readout | None = None
     black_level_register: float | None = None
+    companding: Companding | None = None
 
     def __post_init__(self) -> None:
         dn = np.asarray(self.dn)
         if dn.ndim != 2 or dn.size == 0 or dn.dtype not in _DN_TYPES:
-            raise InputError(f"a frame is a non-empty 2-D array of uint8 or uint16, got {dn.dtype} of shape {dn.shape}")
-        if not 1 <= self.bit_depth <= 16:
-            raise InputError(f"bit_depth is {self.bit_depth}: give 1 to 16 bits")
+            raise InputError(
+                f"a frame is a non-empty 2-D array of uint8, uint16 or uint32, got {dn.dtype} of shape {dn.shape}"
+            )
+        if not 1 <= self.bit_depth <= MOST_BITS:
+            raise InputError(f"bit_depth is {self.bit_depth}: give 1 to {MOST_BITS} bits")
+        if self.companding is not None and self.companding.file_bits != self.bit_depth:
+            raise InputError(
+                f"bit_depth is {self.bit_depth}, but the curve {self.companding.name} is for values of "
+                f"{self.companding.file_bits} bits: correct bits and shift of the curve"
+            )
         if not (math.isfinite(self.exposure_s) and self.exposure_s > 0):
             raise InputError(f"exposure_s is {self.exposure_s}: give a positive number of seconds")
         if not math.isfinite(self.gain_db):
@@ -344,6 +382,67 @@ class Frame:
         return nominal_black_dn(self.black_level_dn, self.black_level_register, self.bit_depth)
 
     @property
+    def linear_saturation_dn(self) -> float:
+        """Linear value from which a pixel is saturated: of codes that of the curve, else `saturation_dn`."""
+        curve = self.companding
+        if curve is None:
+            return self.saturation_dn
+        return float(curve.linear(min(self.saturation_dn, curve.saturation_dn) / 2.0**curve.shift))
+
+    @property
+    def linear_black_dn(self) -> float:
+        """Linear value without light where nothing was measured: 0 of codes, whose curve is without black level."""
+        return self.nominal_black_dn if self.companding is None else 0.0
+
+    def linear_dn(self, window: tuple[slice, slice] = (slice(None), slice(None))) -> NDArray[Any]:
+        """Return the linear values of some rows and columns: DN as they are, or float64 of the curve of codes."""
+        dn = self.dn[window]
+        return dn if self.companding is None else look_up(self.companding.linear_by_dn, dn)
+
+    def with_curve(self, curve: Companding) -> Frame:
+        """Return the frame whose DN are codes of a curve, without embedded rows.
+
+        Raises
+        ------
+        InputError
+            If a DN is beyond the bits of the codes, or no row is left.
+        """
+        dn = curve.image_rows(self.dn)
+        if dn.max() >= 2**curve.file_bits:
+            raise InputError(
+                f"the frame has values up to {dn.max()}, but codes of the curve {curve.name} end at "
+                f"{2**curve.file_bits - 1}: correct bits and shift of the curve"
+            )
+        return replace(
+            self.with_pixels(dn),
+            bit_depth=curve.file_bits,
+            companding=curve,
+            saturation_dn=min(self.saturation_dn, curve.saturation_dn),
+            black_level_dn=curve.black_dn,
+            readout=self.readout and replace(self.readout, y=self.readout.y + curve.embedded_rows[0]),
+        )
+
+    def dn_at(self, linear_dn: float) -> int:
+        """Return the highest DN whose linear value is not above this one."""
+        if self.companding is None:
+            return int(linear_dn)
+        return int(np.searchsorted(self.companding.linear_by_dn, linear_dn, side="right")) - 1
+
+    @cached_property
+    def levels(self) -> DnLevels:
+        """Linear values in the order of an index, and the index of each pixel, for tables with a value for each.
+
+        The index is the DN itself where these have at most 16 bits; of more bits it numbers the values of the frame.
+        """
+        if self.companding is not None:
+            return DnLevels(self.companding.linear_by_dn, self.companding.steps_by_dn, self.dn)
+        if self.bit_depth <= _INDEXED_BITS:
+            values = np.arange(2**self.bit_depth, dtype=np.float64)
+            return DnLevels(values, np.ones(values.size), self.dn)
+        found, index = np.unique(self.dn, return_inverse=True)
+        return DnLevels(found.astype(np.float64), np.ones(found.size), index.reshape(self.shape).astype(np.uint32))
+
+    @property
     def saturated(self) -> NDArray[np.bool_]:
         """Mask of pixels at or above `saturation_dn`, or with a colour at its end; shape (height, width)."""
         return self.dn >= self.saturation_dn if self.clipped is None else self.clipped
@@ -358,18 +457,32 @@ class Frame:
         for name in ("black_pattern", "readout"):
             if values.get(name) is not None:
                 values[name] = asdict(values[name])
+        if self.companding is not None:
+            values["companding"] = self.companding.identity
         return values | {"timestamp": self.timestamp.isoformat(), "camera": asdict(self.camera)}
 
     @classmethod
-    def from_metadata(cls, dn: NDArray[np.unsignedinteger[Any]], metadata: dict[str, Any]) -> Frame:
+    def from_metadata(
+        cls, dn: NDArray[np.unsignedinteger[Any]], metadata: dict[str, Any], curve: Companding | None = None
+    ) -> Frame:
         """Join pixels with what `metadata` returned for them.
+
+        Parameters
+        ----------
+        dn : ndarray
+            The pixels.
+        metadata : dict
+            As of `metadata`.
+        curve : Companding or None
+            Curve that is stated for the frame, for example by its session; curves that ship with labcdp need not be.
 
         Raises
         ------
         InputError
-            If a field is missing, unknown or has an unusable value.
+            If a field is missing, unknown or has an unusable value, or the frame has codes of another curve.
         """
-        return cls(dn=dn, **_recorded(metadata) | black_levels(metadata))
+        companding = recorded_curve(metadata, curve)
+        return cls(dn=dn, **_recorded(metadata) | black_levels(metadata), companding=companding)
 
     def with_pixels(self, dn: NDArray[np.unsignedinteger[Any]]) -> Frame:
         """Return the same frame with other pixels; of another size, they have no black pattern."""
@@ -383,8 +496,32 @@ def checked_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
 
 
 def _recorded(metadata: dict[str, Any]) -> dict[str, Any]:
+    others = {name: value for name, value in metadata.items() if name != "companding"}
     with naming("frame metadata cannot be read"):
-        return record_of(Frame, _with_pattern(metadata), "dn", "clipped")
+        return record_of(Frame, _with_pattern(others), "dn", "clipped", "companding")
+
+
+def recorded_curve(metadata: dict[str, Any], stated: Companding | None = None) -> Companding | None:
+    """Return the curve of a frame's codes by its metadata; None for none.
+
+    Raises
+    ------
+    InputError
+        If it is another one than that stated, or none is stated and none of its hash ships with labcdp.
+    """
+    recorded = metadata.get("companding")
+    if recorded is None:
+        return None
+    if not (isinstance(recorded, dict) and recorded.keys() == {"name", "sha256"}):
+        raise InputError(f"companding is {quoted(recorded)}: restore the file from a copy")
+    if stated is not None and stated.sha256 == recorded["sha256"]:
+        return stated
+    shipped = shipped_curve_with(str(recorded["sha256"]))
+    if stated is None and shipped is not None:
+        return shipped
+    name = shown(str(recorded["name"]))
+    other = "is not in it" if stated is None else f"is not {stated.name} as stated"
+    raise InputError(f"it has codes of the curve {name}, which {other}: give the curve it was recorded with")
 
 
 def _with_pattern(metadata: dict[str, Any]) -> dict[str, Any]:

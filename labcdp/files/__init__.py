@@ -8,7 +8,7 @@ from .picture import Picture, PictureOptions
 from .read import picture_paths, read_picture
 
 if TYPE_CHECKING:
-    from .companding_file import load_curve
+    from ..session.tables import load_curve
     from .raw import read_raw
 
 __all__ = [
@@ -35,7 +35,7 @@ def __getattr__(name: str) -> Any:
 
         return read_raw
     if name == "load_curve":
-        from .companding_file import load_curve
+        from ..session.tables import load_curve
 
         return load_curve
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.companding import Companding
 from ..core.disk import read_bytes
 from ..core.dn import PixelFormat, pixel_format
-from ..core.errors import InputError
+from ..core.errors import InputError, naming
 from ..core.frame import BlackPattern, CameraIdentity, Frame
 from ..core.result import Finding, info, warning
 from .kinds import PNG, TIFF
 from .picture import PictureFile, PictureOptions
 from .statements import FileStatements
-from .stored_image import MAX_PIXELS
+from .stored_image import INTEGERS, MAX_PIXELS
 
 #: Bytes of a pixel at the most, four doubles, and of what else may be in a file.
 _PIXEL_BYTES, _OTHER_BYTES = 32, 64_000_000
@@ -90,13 +91,19 @@ def changed_at(path: Path) -> datetime:
 
 
 #: Codes of what a file states beside its values.
-_LEAVES_VALUES = ("sensor-corrections-not-applied", "black-level-from-xmp", "black-level-measured", "black-pattern")
+_LEAVES_VALUES = (
+    "sensor-corrections-not-applied",
+    "black-level-from-xmp",
+    "black-level-measured",
+    "black-pattern",
+    INTEGERS,
+)
 #: Endings of the names of the files this module reads.
 IMAGE_SUFFIXES = (".tif", ".tiff", ".png")
 
 
 def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureOptions) -> FileFrame:
-    """Read a grey TIFF or PNG of 8 or 16 bits whose values are the DN of a sensor.
+    """Read a grey TIFF or PNG whose values are the DN of a sensor: of 8 or 16 bits, or up to 24 in 32.
 
     Parameters
     ----------
@@ -105,13 +112,14 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     layout : PixelFormat
         Bit depth, which a file of 16 bits does not state, and colour filter. A pixel is saturated at the highest DN.
     options : PictureOptions
-        Exposure, gain and camera where the file does not say.
+        Exposure, gain and camera where the file does not say; the encoding if the DN are codes of a curve, which may
+        end before `layout` does.
 
     Raises
     ------
     InputError
-        If the file cannot be read, is damaged, coloured or of another depth, has DN beyond `layout`, or does not say
-        its exposure.
+        If the file cannot be read, is damaged, coloured or of another depth, has DN beyond `layout` or the curve, or
+        does not say its exposure.
     """
     path = Path(path)
     data, sha256 = picture_bytes(path, MAX_PIXELS)
@@ -128,13 +136,17 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     kind = "of floats" if statements.bits is None else f"of {statements.bits} bits"
     # What labcdp does not apply leaves the values as they are, and their black level is beside them.
     altered = [finding for finding in statements.changes if finding.code not in _LEAVES_VALUES]
-    coloured = dn.ndim == 3
-    if coloured or statements.bits not in (8, 16) or altered:
+    coloured, curve = dn.ndim == 3, options.encoding if isinstance(options.encoding, Companding) else None
+    depths = (8, 16) if layout.bit_depth <= 16 else (16, 32)
+    if coloured or statements.bits not in depths or altered:
         changes = [finding.code.replace("-", " ") for finding in altered]
         what = [*(["coloured"] if coloured else []), kind, *changes]
-        raise InputError(f"{path} is {', '.join(what)}: give a grey image of 8 or 16 bits, one number a pixel")
+        bits = " or ".join(map(str, depths))
+        raise InputError(f"{path} is {', '.join(what)}: give a grey image of {bits} bits, one number a pixel")
     largest = 2**layout.bit_depth - 1
-    if dn.max() > largest:
+    if layout.bit_depth > 16:
+        dn = dn.astype(np.uint32)
+    if curve is None and dn.max() > largest:
         raise InputError(
             f"{path} has values up to {dn.max()}, the pixel format {layout.name} ends at {largest}: correct "
             "plan.pixel_format, which says how many bits the values have"
@@ -142,13 +154,15 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     known = replace(statements_over(options, statements), pixel_format=layout.name)
     require_exposure(path, known)
     frame = make_frame(dn, Scale(layout.bit_depth, float(largest)), known, statements.taken or changed_at(path))
+    frame = with_stated_levels(frame, statements.black, statements.white_dn)
+    if curve is not None:
+        with naming(path):
+            frame = frame.with_curve(curve)
     unused: tuple[Finding, ...] = ()
     if statements.encoding != "linear" or statements.light_table is not None:
         reason = "values that are recorded or imported are the DN of a sensor"
         unused = (warning("curve-not-used", by=statements.stated_by, reason=reason),)
-    return FileFrame(
-        path, sha256, statements, with_stated_levels(frame, statements.black, statements.white_dn), findings=unused
-    )
+    return FileFrame(path, sha256, statements, frame, findings=unused)
 
 
 def frame_of_pixels(

@@ -79,7 +79,7 @@ def as_encoding(given: Encoding | None) -> Encoding | None:
     if not isinstance(given, str):
         raise InputError(f"encoding is {shown(given)}: give text, or a curve")
     # Few pictures have one.
-    from .companding_file import curve_called
+    from ..session.tables import curve_called
 
     return curve_called(given)
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..core.companding import Companding
 from ..core.disk import open_regular, parse_json, reason
 from ..core.disk.files import shell_word
 from ..core.disk.tiff import open_tiff, pixels_of
@@ -111,7 +112,7 @@ def frame_to_tiff(frame: Frame, compress: bool) -> bytes:
 
 
 def tiff_parts(frame: Frame, compress: bool) -> tuple[bytes, Buffer]:
-    """Make a one-page grey TIFF with the frame's own depth, 8 or 16 bit: its head, and its pixels without a copy.
+    """Make a one-page grey TIFF with the frame's own depth, 8, 16 or 32 bit: its head, and its pixels without a copy.
 
     Parameters
     ----------
@@ -169,8 +170,17 @@ def _head(tags: Sequence[tuple[int, int, int | bytes]]) -> bytes:
     return struct.pack("<2sHIH", b"II", 42, 8, len(tags)) + entries + bytes(4) + texts
 
 
-def frame_from_tiff(data: bytes, source: str) -> Frame:
+def frame_from_tiff(data: bytes, source: str, curve: Companding | None = None) -> Frame:
     """Make the frame of what `frame_to_tiff` made, bit for bit; messages call it `source`.
+
+    Parameters
+    ----------
+    data : bytes
+        The file.
+    source : str
+        What messages call it.
+    curve : Companding or None
+        The curve that its session states, None for none.
 
     Raises
     ------
@@ -182,7 +192,7 @@ def frame_from_tiff(data: bytes, source: str) -> Frame:
             page = tiff.pages.first
             dn = pixels_of(page, _IT)
             metadata = parse_json(page.description)
-        return Frame.from_metadata(dn.astype(dn.dtype.newbyteorder("="), copy=False), metadata)
+        return Frame.from_metadata(dn.astype(dn.dtype.newbyteorder("="), copy=False), metadata, curve)
     except InputError as error:
         raise SessionError(f"{source} is not a frame recorded by labcdp ({reason(error)})") from error
 

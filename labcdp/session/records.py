@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidator
 
+from ..core.companding import Companding
 from ..core.disk import shortened, validated_as
 from ..core.errors import InputError, SessionError
 from ..core.frame import CameraIdentity, Frame, checked_metadata
@@ -100,12 +101,23 @@ class FrameRecord:
         """Camera."""
         return CameraIdentity(**self.metadata["camera"])
 
-    def without_pixels(self) -> Frame:
-        """Return the frame with its settings and all pixels 0; raises SessionError if they cannot be of a frame."""
+    def without_pixels(self, curve: Companding | None = None) -> Frame:
+        """Return the frame with its settings and all pixels 0.
+
+        Parameters
+        ----------
+        curve : Companding or None
+            The curve that its session states, None for none.
+
+        Raises
+        ------
+        SessionError
+            If the settings cannot be of a frame.
+        """
         pixel = np.zeros((), np.uint16)
         pixel.flags.writeable = False
         try:
-            return Frame.from_metadata(np.broadcast_to(pixel, self.shape), self.metadata)
+            return Frame.from_metadata(np.broadcast_to(pixel, self.shape), self.metadata, curve)
         except InputError as error:
             raise SessionError(f"the session's journal does not describe frame {self.number} ({error})") from error
 

@@ -174,7 +174,12 @@ class Session:
 
     def load(self, frame: FrameRecord) -> Frame:
         """Read a frame, bit for bit; raises SessionError if its file is missing, truncated or altered."""
-        return frame_from_tiff(read_checked(self.path, frame.file), str(self.path / frame.file.name))
+        data, curve = read_checked(self.path, frame.file), self.configuration.camera.curve
+        return frame_from_tiff(data, str(self.path / frame.file.name), curve)
+
+    def settings(self, frame: FrameRecord) -> Frame:
+        """Return the settings of a frame, with all pixels 0, from the journal alone; raises SessionError."""
+        return frame.without_pixels(self.configuration.camera.curve)
 
     def require_unaltered(self, frames: Iterable[FrameRecord]) -> None:
         """Read the files of frames and check their hashes; raises SessionError as `load`."""

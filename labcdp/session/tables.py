@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from datetime import date, datetime, timedelta
+from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
+from ..core.companding import Companding, shipped_curve, shipped_curves
 from ..core.disk import read_toml
-from ..core.errors import ConfigurationError, naming
+from ..core.disk.files import shown
+from ..core.errors import ConfigurationError, InputError, naming
 from ..core.frame import Frame
 from ..core.percent import plain_contrast, plain_fraction
 from ..core.reading import SERIAL_MODELS, MeterIdentity
@@ -90,6 +93,87 @@ def _read(value: Any, info: ValidationInfo) -> Any:
 
 Spectra = Annotated[SpectraConfiguration | None, BeforeValidator(_read)]
 
+_Knees = Annotated[tuple[Number, ...], Field(min_length=2, max_length=65536)]
+
+
+class CurveConfiguration(ConfigurationTable):
+    """Curve of companded data, as its file has it: a session keeps all of it, so that it needs no other file."""
+
+    format: Format = Field(1, description="1, the format this labcdp knows, or update labcdp", exclude=True)
+    name: Text = Field(description="a name as text")
+    bits: Annotated[int, Field(strict=True, ge=1, le=16)] = Field(description="the bits of a code, 1 to 16")
+    codes: _Knees = Field(description="the codes of the knees, rising from 0")
+    values: _Knees = Field(description="the linear values of the knees, rising")
+    black_value: Number = Field(0.0, description="the linear value without light")
+    black_code: Annotated[Number, Field(ge=0)] = Field(0.0, description="a code of at least 0")
+    shift: Annotated[int, Field(strict=True, ge=0, le=15)] = Field(0, description="a shift of 0 to 15 bits")
+    embedded_rows: tuple[Whole, Whole] = Field((0, 0), description="rows above and below the image, [0, 0] for none")
+    sha256: Text | None = Field(None, description="the hash of the curve as labcdp wrote it, or nothing")
+
+    @model_validator(mode="after")
+    def _usable(self) -> Self:
+        # InputError is a ValueError, its text the reason.
+        if self.sha256 not in (None, self.companding.sha256):
+            raise ValueError("has another sha256 than its knees: restore the file, or leave sha256 out")
+        return self
+
+    @property
+    def companding(self) -> Companding:
+        """The curve."""
+        return _companding(**{name: getattr(self, name) for name in CURVE_KEYS})
+
+    @classmethod
+    def keeping(cls, curve: Companding) -> CurveConfiguration:
+        """Return the table of a curve, with its hash."""
+        return cls(**{name: getattr(curve, name) for name in CURVE_KEYS}, sha256=curve.sha256)
+
+
+#: What a curve consists of.
+CURVE_KEYS = tuple(field.name for field in fields(Companding))
+_companding = lru_cache(maxsize=16)(Companding)
+
+
+def load_curve(path: Path) -> Companding:
+    """Read a curve from TOML: name, bits, codes, values, and what else differs from its default.
+
+    Raises
+    ------
+    ConfigurationError
+        If the file cannot be read, or is no curve.
+    """
+    return validated(CurveConfiguration, read_toml(path, "a curve of companded data"), str(path)).companding
+
+
+def curve_called(name: str, folder: Path = Path()) -> Companding:
+    """Return the curve of that name that ships with labcdp, or of that file in TOML, sought in `folder`.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if name.lower().endswith(".toml"):
+        return load_curve(folder / name)
+    if name.upper() in shipped_curves():
+        return shipped_curve(name)
+    raise InputError(
+        f"encoding is {shown(name)}: give linear, srgb, a curve ({', '.join(shipped_curves())}), or a file in TOML "
+        "with one"
+    )
+
+
+def _read_curve(value: Any, info: ValidationInfo) -> Any:
+    """Put a curve in the place of its name, or of the file's; the folder is that of the configuration."""
+    if value == "linear":
+        return None
+    if not isinstance(value, str):
+        return value
+    with naming("names a curve that cannot be used"):
+        return CurveConfiguration.keeping(curve_called(value, (info.context or {}).get("folder", Path())))
+
+
+Curve = Annotated[CurveConfiguration | None, BeforeValidator(_read_curve)]
+
 
 #: Standard uncertainty of one exposure time relative to the others, unless the user states it: a few periods of a
 #: sensor's clock of tens of MHz, by which start and end jitter.
@@ -112,6 +196,10 @@ class CameraConfiguration(ConfigurationTable):
     pixel_pitch_m: Positive = Field(description="a distance of pixel centres above 0 m")
     # Set when the acquisition starts, and read back; what is left out is as after opening.
     black_level: NotNegative | None = Field(None, description="a value of the camera's register of at least 0")
+    # How a sensor of many bits sends them in codes of few: frames keep the codes, and their readers expand them.
+    encoding: Curve = Field(
+        None, description="the name of a curve of companded data as text, for example AR0231, or of a TOML file with it"
+    )
     # Where the pixels are full below the end of the converter.
     saturation_dn: Positive | None = Field(None, description="a DN above 0, from which pixels count as saturated")
     exposure_jitter_s: NotNegative = Field(EXPOSURE_JITTER_S, description="a standard uncertainty of at least 0 s")
@@ -131,7 +219,15 @@ class CameraConfiguration(ConfigurationTable):
     )
 
     def stated(self, frame: Frame) -> Frame:
-        """Return a frame with the saturation that is stated here; raises ConfigurationError if it is below black."""
+        """Return a frame with the curve and the saturation that are stated here.
+
+        Raises
+        ------
+        ConfigurationError
+            If its DN have other bits than codes of the curve, or the saturation is below black.
+        """
+        frame = self._with_curve(frame)
+        # That of codes is stated in codes, as they are in the file.
         if self.saturation_dn is None or self.saturation_dn >= frame.saturation_dn:
             return frame
         if self.saturation_dn <= frame.nominal_black_dn:
@@ -140,6 +236,28 @@ class CameraConfiguration(ConfigurationTable):
                 f"{frame.nominal_black_dn:g} DN: give a value above it"
             )
         return replace(frame, saturation_dn=self.saturation_dn)
+
+    def with_encoding(self, name: str) -> Self:
+        """Return it with a curve by its name or file; raises InputError if there is none."""
+        return self.model_copy(update={"encoding": CurveConfiguration.keeping(curve_called(name))})
+
+    @property
+    def curve(self) -> Companding | None:
+        """The curve by which DN are codes; None for none."""
+        return None if self.encoding is None else self.encoding.companding
+
+    def _with_curve(self, frame: Frame) -> Frame:
+        """Return a frame whose DN are codes of the curve that is stated, without embedded rows."""
+        curve = self.curve
+        if frame.companding not in (None, curve):
+            raise ConfigurationError(
+                f"camera.encoding is {curve or 'left out'}, but the frame has codes of the curve {frame.companding}: "
+                "give the file of that curve"
+            )
+        if curve is None or frame.companding is not None:
+            return frame
+        with naming("camera.encoding", ConfigurationError):
+            return frame.with_curve(curve)
 
 
 #: Relative standard uncertainty of the responsivity after focus and aperture are set anew, unless the user states it:

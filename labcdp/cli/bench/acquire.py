@@ -200,6 +200,7 @@ def import_files(
     readings: Path,
     exposure: tuple[str, ...] = (),
     temperature: tuple[str, ...] = (),
+    encoding: str | None = None,
 ) -> None:
     """Create a session from camera RAW files, or grey TIFF and PNG files, and a list of meter readings.
 
@@ -225,8 +226,13 @@ def import_files(
     temperature
         Temperature of the camera in degrees Celsius, for example 31.5; light=31.5 or dark=29 for pictures of that
         kind, FILE=31.5 for one picture. Without it, the dark signal is less certain. May be repeated.
+    encoding
+        Curve of companded data, by its name (AR0231, AR0820, OX03C10) or a TOML file; default: camera.encoding of the
+        configuration. The session keeps codes and curve.
     """
     wanted = SessionConfiguration.load(configuration)
+    if encoding is not None:
+        wanted = wanted.model_copy(update={"camera": wanted.camera.with_encoding(encoding)})
     exposures_s = _by_name(exposure, "--exposure", parse_seconds)
     temperatures_c = _by_name(temperature, "--temperature", parse_temperature)
     given = partial(_pictures, exposures_s, temperatures_c)

@@ -109,9 +109,10 @@ def snap(
 
 def _picture(frame: Frame) -> bytes:
     """Return an 8-bit PNG that looks like the scene: sRGB of the DN, white at saturation, colours of a Bayer filter."""
-    share = np.minimum(np.arange(2**frame.bit_depth) / frame.saturation_dn, 1.0)
+    levels = frame.levels
+    share = np.clip(levels.values_dn / frame.linear_saturation_dn, 0.0, 1.0)
     srgb = np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
-    grey = np.rint(255 * srgb).astype(np.uint8)[frame.dn]
+    grey = np.rint(255 * srgb).astype(np.uint8)[levels.index]
     codes = {
         "RG": cv2.COLOR_BayerRGGB2BGR,
         "GB": cv2.COLOR_BayerGBRG2BGR,

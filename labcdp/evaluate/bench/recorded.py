@@ -127,7 +127,7 @@ def settings_frame(session: Session) -> Frame:
     records = session.frames()
     if not records:
         raise CalibrationError("the session has no frames: start the acquisition")
-    return records[0].without_pixels()
+    return session.settings(records[0])
 
 
 def by_exposure(records: Session | Iterable[FrameRecord], role: Role) -> dict[float, list[FrameRecord]]:

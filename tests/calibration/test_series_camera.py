@@ -1,0 +1,144 @@
+"""Calibration through the curve of a series camera with hand-overs: its world is plain NumPy."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from labcdp.acquire.import_check import ImportFile
+from labcdp.acquire.import_files import import_session
+from labcdp.api.session import Session
+from labcdp.calibration import load_any, save
+from labcdp.core.errors import CalibrationError
+from labcdp.core.frame import Frame
+from labcdp.files import Companding
+from labcdp.session import SessionConfiguration
+
+from ..series_camera import BLACK_DN, CODES, K_DN_PER_E, RATIOS, READ_DN, VALUES, SeriesCamera, write_bench
+
+CAMERA = SeriesCamera()
+FRONT = Companding("front", CODES, VALUES, 12, black_value=BLACK_DN)
+
+
+def imported(folder, **of_bench):
+    """Session of the world's pictures, as ``labcdp import`` makes it."""
+    write_bench(folder, CAMERA, **of_bench)
+    files = [
+        ImportFile(path, role, exposure_s=float(path.name.split("ms")[0]) / 1000)
+        for role in ("light", "dark")
+        for path in sorted((folder / role).iterdir())
+    ]
+    import_session(SessionConfiguration.load(folder / "bench.toml"), folder / "session", files, folder / "readings.csv")
+    return Session.open(folder / "session")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory):
+    return imported(tmp_path_factory.mktemp("series"))
+
+
+@pytest.fixture(scope="module")
+def calibration(session):
+    return session.calibrate().calibration
+
+
+def codes_of(calibration):
+    return {finding.code for finding in calibration.findings}
+
+
+def test_a_session_keeps_codes_and_its_readers_expand_them(session):
+    frame = session.load(session.frames("light")[-1])
+    assert frame.dn.dtype == np.uint16
+    assert frame.dn.max() <= CODES[-1]
+    assert frame.companding == FRONT
+    assert np.array_equal(frame.linear_dn(), np.interp(frame.dn, CODES, VALUES) - BLACK_DN)
+    assert frame.metadata()["companding"] == {"name": "front", "sha256": FRONT.sha256}
+    assert session.configuration.camera.encoding.sha256 == FRONT.sha256
+
+
+def test_the_responsivity_is_found_through_all_hand_overs(calibration):
+    assert calibration.response.kind == "linear"
+    fit = calibration.responsivity
+    assert abs(fit.responsivity_dn_s_cd_m2 / CAMERA.dn_s_cd_m2 - 1) < 3 * fit.random_rel
+    # The dips of the SNR are no scatter of the patches.
+    assert fit.scatter_rel == 0
+    assert fit.chi_squared < fit.degrees_of_freedom + 4 * np.sqrt(2 * fit.degrees_of_freedom)
+    assert calibration.state.saturation_dn == VALUES[-1] - BLACK_DN
+    wrong = {"curve-wrong", "curve-disagrees", "patches-scatter", "full-below-saturation"}
+    assert not codes_of(calibration) & wrong
+
+
+@pytest.mark.parametrize("net_dn", [20.0, 1500.0, 20_000.0, 40_000.0, 150_000.0])
+def test_the_noise_is_that_of_each_capture_and_of_the_step_of_its_code(calibration, net_dn):
+    ratio = next(r for r in RATIOS if net_dn / r < 3800 - BLACK_DN)
+    step = 1 if net_dn + BLACK_DN < 2048 else 64 if net_dn + BLACK_DN < 65536 else 1024
+    of_capture = ratio * K_DN_PER_E * net_dn + ratio**2 * (READ_DN**2 + 1 / 12)
+    variance = calibration.noise.variance_dn2(net_dn)
+    # Levels are a factor of 1.2 apart.
+    assert variance == pytest.approx(of_capture + step**2 / 12, rel=0.15)
+
+
+def test_luminance_of_frames_and_patches(session, calibration, tmp_path):
+    rows = session.evaluate(calibration).evaluation.patches
+    for row, truth in zip(rows, CAMERA.luminances_cd_m2, strict=True):
+        low, high = row.calibrated.interval_95_cd_m2
+        assert low < truth < high
+    frame = session.load(session.frames("light")[0])
+    luminance = calibration.to_luminance(frame)
+    for number, (x, y, width, height) in enumerate(CAMERA.regions().values()):
+        part = luminance.luminance_cd_m2[y : y + height, x : x + width].astype(float)
+        random_rel = luminance.random_rel[y : y + height, x : x + width]
+        truth, spread = CAMERA.luminances_cd_m2[number], part.std()
+        assert part.mean() == pytest.approx(truth, abs=4 * spread / np.sqrt(part.size) + 0.01 * truth)
+        # 900 pixels: 10 % are 4 sigma; 20 %, as noise of 0.4 steps is known to a quarter of its variance.
+        assert np.sqrt(np.mean(np.square(random_rel * part))) == pytest.approx(spread, rel=0.2)
+    save(calibration, tmp_path / "c.json")
+    assert load_any(tmp_path / "c.json") == calibration
+
+
+def test_frames_without_the_curve_are_refused(session, calibration):
+    frame = session.load(session.frames("light")[0])
+    bare = replace(frame, companding=None)
+    with pytest.raises(CalibrationError, match=r"curve of its codes of .* is front .*, but .* has none"):
+        calibration.to_luminance(bare)
+    with pytest.raises(ValueError, match="codes of the curve 'front', which is not in it"):
+        Frame.from_metadata(frame.dn, frame.metadata())
+
+
+WRONG = {
+    "curve-wrong": "codes = [0, 2048, 3040, 4000]\nvalues = [0, 2048, 60000, 900000]\nblack_value = 168",
+    "curve-disagrees": "codes = [0, 2048, 3040, 4000]\nvalues = [0, 2048, 65536, 1100000]\nblack_value = 168",
+}
+
+
+@pytest.mark.parametrize("code", WRONG)
+def test_a_wrong_curve_is_found_with_its_size(session, tmp_path, code):
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text(f'name = "wrong"\nbits = 12\n{WRONG[code]}\n')
+    configuration = session.configuration
+    configuration = configuration.model_copy(update={"camera": configuration.camera.with_encoding(str(wrong))})
+    again = recoded(session, configuration, tmp_path / "again")
+    found = next(f for f in again.calibrate().calibration.findings if f.code == code)
+    if code == "curve-wrong":
+        assert found.values["other"] == "AR0231"
+        assert found.values["other_rel"] < 0.01 < 0.03 < found.values["deviation_rel"]
+    else:
+        # (65536 + (1100000 - 65536) q) / (65536 + (1048576 - 65536) q) at the highest signal, q of the last segment.
+        q = (found.values["net_dn"] + BLACK_DN - 65536) / (1_100_000 - 65536)
+        truth = (65536 + (1_048_576 - 65536) * q) / (65536 + (1_100_000 - 65536) * q) - 1
+        assert found.values["deviation_rel"] == pytest.approx(truth, abs=0.005)
+
+
+def test_codes_without_a_curve_are_said_to_be_those_of_one(tmp_path):
+    with pytest.raises(CalibrationError, match=r'by the curve AR0231 by 0\.\d%: state camera.encoding = "AR0231"'):
+        imported(tmp_path, encoding=None).calibrate()
+
+
+def recoded(session, configuration, folder):
+    """Session with the same frames and readings, and another curve."""
+    with Session.create(folder, configuration) as again:
+        for record in session.frames():
+            again.add_frame(replace(session.load(record), companding=None), record.role)
+        for record in session.readings():
+            again.add_reading(record.reading, record.patch)
+    return Session.open(folder)

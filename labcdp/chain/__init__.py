@@ -1,5 +1,6 @@
 """The imaging chain, simulated: scene, windscreen, optics, sensor, HDR merge and tone curve, each with its inverse."""
 
+from .captures import CaptureSettings, Photodiode
 from .chain import Chain, ChainRun
 from .hdr import Hdr
 from .imaging import ImagingChain
@@ -32,6 +33,7 @@ register("isp", PiecewiseLinear, "pwl")
 __all__ = [
     "CameraModel",
     "Capture",
+    "CaptureSettings",
     "Chain",
     "ChainRun",
     "Checkerboard",
@@ -45,6 +47,7 @@ __all__ = [
     "Optics",
     "Patch",
     "PatchScene",
+    "Photodiode",
     "PiecewiseLinear",
     "Scene",
     "Sensor",

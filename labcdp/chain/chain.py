@@ -111,7 +111,7 @@ class Chain(ChainParts):
 
     def _behind_sensor(self, sensor: SensorModel, signal: Signal, context: Context) -> dict[str, Signal]:
         assert self.settings is not None
-        captures = [sensor.capture(signal, context, index) for index in range(len(self.settings.exposure_s))]
+        captures = [sensor.capture(signal, context, index) for index in range(len(self.capture_names))]
         signals = [digital_signal(capture, signal) for capture in captures]
         if self.hdr is not None:
             signals.append(digital_signal(self.hdr.merge(captures), signal))

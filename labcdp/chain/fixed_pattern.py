@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 _Arguments = ParamSpec("_Arguments")
 _Result = TypeVar("_Result")
 
-#: How many results of a function are kept; maps of a large sensor take 20 MB.
-_MOST = 2
+#: How many results of a function are kept, one for each capture of a sensor; maps of a large sensor take 20 MB.
+_MOST = 4
 
 
 def kept(function: Callable[_Arguments, _Result]) -> Callable[_Arguments, _Result]:
@@ -82,8 +82,8 @@ def for_each_block(height: int, work: Callable[[int, slice], None], threads: int
 
 FloatMap = NDArray[np.float32]
 
-# Numbers of the random streams of a device.
-_PHOTO_RESPONSE, _DARK_CURRENT, _OFFSET, _COLUMN, _ROW = range(5)
+# Numbers of the random streams of a device; those of its further photodiodes and readouts follow.
+_PHOTO_RESPONSE, _DARK_CURRENT, _OFFSET, _COLUMN, _ROW = _STREAMS = range(5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,19 +110,19 @@ class FixedPattern:
 
 
 @kept
-def draw_photo_response(shape: tuple[int, int], device_seed: int, prnu_rel: float) -> FloatMap:
-    """Draw the gain of each pixel: normal, mean 1, standard deviation `prnu_rel`."""
+def draw_photo_response(shape: tuple[int, int], device_seed: int, prnu_rel: float, photodiode: int = 0) -> FloatMap:
+    """Draw the gain of a photodiode of each pixel: normal, mean 1, standard deviation `prnu_rel`."""
     if prnu_rel == 0:
         return np.broadcast_to(np.float32(1), shape)
-    response = _draw(shape, device_seed, _PHOTO_RESPONSE, _normal)
+    response = _draw(shape, device_seed, _stream(_PHOTO_RESPONSE, photodiode), _normal)
     response *= np.float32(prnu_rel)
     response += np.float32(1)
     return response
 
 
 @kept
-def draw_dark_current(shape: tuple[int, int], device_seed: int, spread_rel: float) -> FloatMap:
-    """Draw the relative dark current of each pixel: mean 1, standard deviation `spread_rel`.
+def draw_dark_current(shape: tuple[int, int], device_seed: int, spread_rel: float, photodiode: int = 0) -> FloatMap:
+    """Draw the relative dark current of a photodiode of each pixel: mean 1, standard deviation `spread_rel`.
 
     It follows a gamma distribution, which has the long tail of warm pixels and no negative currents.
     """
@@ -130,7 +130,10 @@ def draw_dark_current(shape: tuple[int, int], device_seed: int, spread_rel: floa
         return np.broadcast_to(np.float32(1), shape)
     order = spread_rel**-2
     current = _draw(
-        shape, device_seed, _DARK_CURRENT, lambda rng, size: rng.standard_gamma(order, size=size, dtype=np.float32)
+        shape,
+        device_seed,
+        _stream(_DARK_CURRENT, photodiode),
+        lambda rng, size: rng.standard_gamma(order, size=size, dtype=np.float32),
     )
     current /= np.float32(order)
     return current
@@ -138,17 +141,27 @@ def draw_dark_current(shape: tuple[int, int], device_seed: int, spread_rel: floa
 
 @kept
 def draw_offset(
-    shape: tuple[int, int], device_seed: int, dsnu_e: float, column_dsnu_e: float, row_dsnu_e: float
+    shape: tuple[int, int],
+    device_seed: int,
+    dsnu_e: float,
+    column_dsnu_e: float,
+    row_dsnu_e: float,
+    readout: int = 0,
 ) -> FloatMap:
-    """Draw the offset of each pixel in electrons: normal parts of pixels, columns and rows, mean 0."""
+    """Draw the offset of a readout of each pixel, electrons: normal parts of pixels, columns and rows, mean 0."""
     if dsnu_e == column_dsnu_e == row_dsnu_e == 0:
         return np.broadcast_to(np.float32(0), shape)
     height, width = shape
-    offset = _draw(shape, device_seed, _OFFSET, _normal)
+    offset = _draw(shape, device_seed, _stream(_OFFSET, readout), _normal)
     offset *= np.float32(dsnu_e)
-    offset += np.float32(column_dsnu_e) * _normal(_generator(device_seed, _COLUMN, 0), (1, width))
-    offset += np.float32(row_dsnu_e) * _normal(_generator(device_seed, _ROW, 0), (height, 1))
+    offset += np.float32(column_dsnu_e) * _normal(_generator(device_seed, _stream(_COLUMN, readout), 0), (1, width))
+    offset += np.float32(row_dsnu_e) * _normal(_generator(device_seed, _stream(_ROW, readout), 0), (height, 1))
     return offset
+
+
+def _stream(pattern: int, part: int) -> int:
+    """Return the number of a pattern's stream in a photodiode or readout."""
+    return pattern + part * len(_STREAMS)
 
 
 def _generator(device_seed: int, pattern: int, block: int) -> np.random.Generator:

@@ -105,6 +105,13 @@ Bits: TypeAlias = Annotated[int, Whole("bits", 1, 16)]
 MergedBits: TypeAlias = Annotated[int, Whole("bits", 1, 48)]
 Oversampling: TypeAlias = Annotated[int, Whole("samples", 1, 64)]
 ElectronRate: TypeAlias = Annotated[float, Number("e⁻/s", 0, 1e7)]
+# Ranges are those of real cameras with a margin, so that a value in another unit is outside.
+PixelPitch: TypeAlias = Annotated[float, Number("m", 1e-7, 2e-4)]
+# Wells are often stated in ke-; float32 holds whole numbers up to 1.6e7.
+FullWell: TypeAlias = Annotated[float, Number("e⁻", 25, 1e7)]
+SystemGain: TypeAlias = Annotated[float, Number("DN/e⁻", 1e-4, 1e4)]
+Doubling: TypeAlias = Annotated[float, Number("K", 1, 100)]
+Noise: TypeAlias = Annotated[float, Number("e⁻", 0, 1e4)]
 
 TEMPERATURE, GAIN = Number("°C", -100, 200), Number("dB", -60, 60)
 Temperature: TypeAlias = Annotated[float, TEMPERATURE]
@@ -162,9 +169,11 @@ class Sized(Parameters):
 def _rules(cls: type) -> list[tuple[str, Number | Flag, bool]]:
     """Fields with their rules, and whether they may be None."""
     return [
-        (name, rule, NoneType in get_args(get_args(hint)[0]))
+        (name, rule, NoneType in (*get_args(hint), *get_args(get_args(part)[0])))
         for name, hint in get_type_hints(cls, include_extras=True).items()
-        for rule in getattr(hint, "__metadata__", ())
+        # Of ``Length | None`` the rule stands in a part.
+        for part in (hint, *get_args(hint))
+        for rule in getattr(part, "__metadata__", ())
         if isinstance(rule, Number | Flag)
     ]
 

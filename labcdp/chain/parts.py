@@ -145,10 +145,20 @@ class ChainParts:
                 )
         if self.settings is None:
             raise InputError("exposure is missing: add a table [exposure] with exposure_s, in s")
-        count = len(self.settings.exposure_s)
-        if count > 1 and self.hdr is None and self.behind:
+        names = [[part.name for part in getattr(sensor, "captures", ())] for _, sensor in self.sensors]
+        if any(other != names[0] for other in names):
+            raise InputError("the sensors have other captures than the first: make a chain for each, and compare them")
+        if names[0] and len(self.settings.exposure_s) > 1:
             raise InputError(
-                f"exposure.exposure_s has {count} times and nothing merges them: add a table [hdr], or give one time"
+                f"exposure.exposure_s has {len(self.settings.exposure_s)} times, and the sensor has captures: give one "
+                "time, and exposure_s of each capture that has another"
+            )
+        count = len(self.capture_names)
+        if count > 1 and self.hdr is None and self.behind:
+            what = "the sensor has {} captures" if names[0] else "exposure.exposure_s has {} times"
+            raise InputError(
+                f"{what.format(count)} and nothing merges them: add a table [hdr], or give one"
+                f"{'' if names[0] else ' time'}"
             )
         _quantity_behind("digital number", self.behind)
 
@@ -242,12 +252,21 @@ class ChainParts:
         return self.from_document(changed(self.document, changes), self.source, self.folder)
 
     @property
+    def capture_names(self) -> tuple[str, ...]:
+        """Names of the signals that a sensor takes itself, one for each exposure or capture; () without a sensor."""
+        if self.settings is None or not self.sensors:
+            return ()
+        if captures := getattr(self.sensors[0][1], "captures", ()):
+            return tuple(f"sensor {capture.name}" for capture in captures)
+        times = self.settings.exposure_s
+        return ("sensor",) if len(times) == 1 else tuple(f"sensor {1e3 * time:g} ms" for time in times)
+
+    @property
     def recorded_names(self) -> tuple[str, ...]:
         """Names of the signals of one sensor: its exposures, their merge and the stages behind; () without a sensor."""
         if self.settings is None:
             return ()
-        times = self.settings.exposure_s
-        captures = ("sensor",) if len(times) == 1 else tuple(f"sensor {1e3 * time:g} ms" for time in times)
+        captures = self.capture_names
         merged = () if self.hdr is None else ("hdr",)
         return (*captures, *merged, *(name for name, _ in self.behind))
 
@@ -267,7 +286,7 @@ class ChainParts:
     @property
     def captures(self) -> dict[str, str]:
         """Name of the sensor for each exposure, by the name of the exposure in a run."""
-        n = 0 if self.settings is None else len(self.settings.exposure_s)
+        n = len(self.capture_names)
         return {
             self.sensor_stage_name(name, sensor_name): self.sensor_stage_name("sensor", sensor_name)
             for sensor_name, _ in self.sensors

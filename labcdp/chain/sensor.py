@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import hypot, sqrt
-from typing import Annotated, Any, ClassVar, TypeAlias
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core.errors import InputError
+from ..core.disk.files import shown
+from ..core.errors import InputError, naming
 from ..core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
+from .captures import CaptureSettings, Photodiode, checked_parts
 from .fixed_pattern import (
     FixedPattern,
     Stream,
@@ -21,17 +23,39 @@ from .fixed_pattern import (
     draw_photo_response,
     for_each_block,
 )
-from .parameters import COUNT, GAIN, TEMPERATURE, THREADS, Bits, ElectronRate, Number, Ratio, Sized, Temperature
-from .signal import Capture, Context, Signal, check_shape, settings_of
+from .parameters import (
+    COUNT,
+    GAIN,
+    TEMPERATURE,
+    THREADS,
+    Bits,
+    Doubling,
+    ElectronRate,
+    FullWell,
+    Noise,
+    Number,
+    PixelPitch,
+    Ratio,
+    Sized,
+    SystemGain,
+    Temperature,
+)
+from .signal import Capture, Context, ExposureSettings, Signal, check_shape, settings_of
 
 FloatMap = NDArray[np.float32]
 FloatArray = NDArray[np.floating[Any]]
 
 
-def collect_electrons(mean_e: FloatMap, full_well_e: float, rng: np.random.Generator) -> FloatMap:
-    """Draw the whole electrons each pixel holds, up to the full well (up to 1e7: float32 holds every count exactly)."""
+def collect_electrons(
+    mean_e: FloatMap, full_well_e: float, rng: np.random.Generator, largest_well_e: float | None = None
+) -> FloatMap:
+    """Draw the whole electrons each pixel holds, up to the full well (up to 1e7: float32 holds every count exactly).
+
+    Readouts of one charge draw the same electrons, from equal generators and with the same `largest_well_e`, that of
+    the one which sees most of them.
+    """
     # 30 sigma above the full well the outcome is certain, and the Poisson sampler has a largest mean.
-    certain_e = np.float32(4 * full_well_e + 1000)
+    certain_e = np.float32(4 * (full_well_e if largest_well_e is None else largest_well_e) + 1000)
     electrons = rng.poisson(np.minimum(mean_e, certain_e)).astype(np.float32)
     return np.minimum(electrons, np.float32(full_well_e), out=electrons)
 
@@ -59,14 +83,6 @@ def digitise(signal_e: FloatMap, k_dn_per_e: float, black_level_dn: float, bits:
 
 #: Variance of rounding to whole digital numbers, DN^2; EMVA 1288 Release 3.1, section 2.2.
 QUANTISATION_VARIANCE_DN2 = 1 / 12
-
-# Ranges are those of real cameras with a margin, so that a value in another unit is outside.
-PixelPitch: TypeAlias = Annotated[float, Number("m", 1e-7, 2e-4)]
-# Wells are often stated in ke-; float32 holds whole numbers up to 1.6e7.
-FullWell: TypeAlias = Annotated[float, Number("e⁻", 25, 1e7)]
-SystemGain: TypeAlias = Annotated[float, Number("DN/e⁻", 1e-4, 1e4)]
-Doubling: TypeAlias = Annotated[float, Number("K", 1, 100)]
-_Noise: TypeAlias = Annotated[float, Number("e⁻", 0, 1e4)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,11 +119,15 @@ class Sensor(Sized):
         Standard deviation of the pixels' dark currents at `reference_temperature_c`, electrons per second.
     device_seed : int
         Number of the specimen: sensors that differ only in it have different fixed patterns.
+    photodiodes : tuple of Photodiode
+        Further photodiodes of each pixel, beside the one that the values above are of.
+    captures : tuple of CaptureSettings
+        Captures of each exposure, that differ in photodiode, gain or time; none for one as above.
 
     Raises
     ------
     InputError
-        If a value is out of its range.
+        If a value is out of its range, or captures name what there is not.
 
     Examples
     --------
@@ -124,7 +144,7 @@ class Sensor(Sized):
     quantum_efficiency: QuantumEfficiency
     full_well_e: FullWell
     k_dn_per_e: SystemGain
-    read_noise_e: _Noise
+    read_noise_e: Noise
     dark_current_e_s: ElectronRate
     bits: Bits
     black_level_dn: float = 0.0
@@ -132,14 +152,17 @@ class Sensor(Sized):
     doubling_temperature_c: Doubling = 8.0
     # A gain of 0 is ten sigma away.
     prnu_rel: Annotated[float, Ratio("(a fraction)", 0, 0.1)] = 0.0
-    dsnu_e: _Noise = 0.0
-    column_dsnu_e: _Noise = 0.0
-    row_dsnu_e: _Noise = 0.0
+    dsnu_e: Noise = 0.0
+    column_dsnu_e: Noise = 0.0
+    row_dsnu_e: Noise = 0.0
     dsnu_e_s: ElectronRate = 0.0
     device_seed: Annotated[int, COUNT] = 0
+    photodiodes: tuple[Photodiode, ...] = field(default=(), metadata={"table": Photodiode})
+    captures: tuple[CaptureSettings, ...] = field(default=(), metadata={"table": CaptureSettings})
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        checked_parts(self)
         Number("DN", 0, 2**self.bits - 1).check("black_level_dn", self.black_level_dn)
         if self.dsnu_e_s > 0 and self.dark_current_e_s == 0:
             raise InputError(
@@ -148,16 +171,104 @@ class Sensor(Sized):
                 key="dsnu_e_s",
             )
         object.__setattr__(self, "quantum_efficiency", as_quantum_efficiency(self.quantum_efficiency))
+        for capture in self.captures:
+            with naming(f"capture {shown(capture.name)}"):
+                self._alone(capture)
 
     @cached_property
     def fixed_pattern(self) -> FixedPattern:
         """The pattern of this device, drawn when first needed (12 bytes a pixel at the most)."""
+        return self.pattern_of(0, 0)
+
+    def pattern_of(self, photodiode: int, readout: int) -> FixedPattern:
+        """Return the pattern of a photodiode and a readout by their numbers, with the spreads of this sensor."""
         spread_rel = self.dsnu_e_s / self.dark_current_e_s if self.dsnu_e_s else 0.0
         return FixedPattern(
-            draw_photo_response(self.shape, self.device_seed, self.prnu_rel),
-            draw_dark_current(self.shape, self.device_seed, spread_rel),
-            draw_offset(self.shape, self.device_seed, self.dsnu_e, self.column_dsnu_e, self.row_dsnu_e),
+            draw_photo_response(self.shape, self.device_seed, self.prnu_rel, photodiode),
+            draw_dark_current(self.shape, self.device_seed, spread_rel, photodiode),
+            draw_offset(self.shape, self.device_seed, self.dsnu_e, self.column_dsnu_e, self.row_dsnu_e, readout),
         )
+
+    def _photodiode(self, name: str) -> tuple[int, Photodiode | None]:
+        """Return number and values of a photodiode; 0 and None for that of the sensor itself."""
+        found = ((number, part) for number, part in enumerate(self.photodiodes, 1) if part.name == name)
+        return next(found, (0, None))
+
+    def _alone(self, capture: CaptureSettings) -> Sensor:
+        """Return a sensor that takes this capture only."""
+        values: dict[str, Any] = {"photodiodes": (), "captures": ()}
+        _, photodiode = self._photodiode(capture.photodiode)
+        if photodiode is not None:
+            own = photodiode.quantum_efficiency
+            efficiency = self.quantum_efficiency if own is None else own
+            values["quantum_efficiency"] = _scaled(efficiency, photodiode.light_share)
+            values |= _stated(photodiode, "full_well_e", "dark_current_e_s", "prnu_rel", "dsnu_e_s")
+            dark_e_s = values.get("dark_current_e_s")
+            if dark_e_s is not None and "dsnu_e_s" not in values and self.dsnu_e_s > 0:
+                values["dsnu_e_s"] = self.dsnu_e_s * dark_e_s / self.dark_current_e_s
+        values |= _stated(capture, "k_dn_per_e", "read_noise_e", "full_well_e", "dsnu_e", "bits", "black_level_dn")
+        return replace(self, **values)
+
+    def capture_models(self, settings: ExposureSettings, spectrum: str) -> tuple[CaptureModel, ...]:
+        """Return what is taken of a scene: the captures of this sensor, or without any the exposures of the settings.
+
+        Parameters
+        ----------
+        settings : ExposureSettings
+            Exposure settings.
+        spectrum : str
+            Spectrum of the light, of which photodiodes with other quantum efficiencies have other shares.
+
+        Raises
+        ------
+        InputError
+            If there are captures and several exposure times.
+        """
+        if not self.captures:
+            gain_db, temperature_c = settings.gain_db, settings.temperature_c
+            return tuple(
+                CaptureModel(self, time, gain_db, temperature_c, index, self.full_well_e, time)
+                for index, time in enumerate(settings.exposure_s)
+            )
+        if len(settings.exposure_s) > 1:
+            raise InputError(
+                f"exposure_s has {len(settings.exposure_s)} times and the sensor captures of its own: give one time, "
+                "and exposure_s of each capture that has another",
+                key="exposure_s",
+            )
+        return self._own_models(settings, spectrum)
+
+    def _own_models(self, settings: ExposureSettings, spectrum: str) -> tuple[CaptureModel, ...]:
+        sensors = [self._alone(capture) for capture in self.captures]
+        times = [capture.exposure_s or settings.exposure_s[0] for capture in self.captures]
+        charges = [
+            (capture.photodiode, time, capture.start_s) for capture, time in zip(self.captures, times, strict=True)
+        ]
+        readouts = [(c.photodiode, sensor.k_dn_per_e) for c, sensor in zip(self.captures, sensors, strict=True)]
+        own_e_lx_s = self.electrons_per_lx_s(spectrum)
+        models = []
+        for index, (capture, sensor, time) in enumerate(zip(self.captures, sensors, times, strict=True)):
+            number, photodiode = self._photodiode(capture.photodiode)
+            share = 1.0 if photodiode is None else sensor.electrons_per_lx_s(spectrum) / own_e_lx_s
+            largest_e = max(s.full_well_e for s, c in zip(sensors, charges, strict=True) if c == charges[index])
+            readout = list(dict.fromkeys(readouts)).index(readouts[index])
+            first = charges.index(charges[index])
+            sensitivity_s = time * share * sensor.k_dn_per_e / self.k_dn_per_e
+            models.append(
+                CaptureModel(
+                    sensor,
+                    time,
+                    settings.gain_db,
+                    settings.temperature_c,
+                    first,
+                    largest_e,
+                    sensitivity_s,
+                    number,
+                    readout,
+                    share,
+                )
+            )
+        return tuple(models)
 
     def system_gain_dn_per_e(self, gain_db: float = 0.0) -> float:
         """K at a gain in dB: K(0 dB) * 10^(gain / 20); raises InputError beyond 100 dB."""
@@ -249,49 +360,15 @@ class Sensor(Sized):
         COUNT.check("seed", seed)
         COUNT.check("exposure_index", exposure_index)
         THREADS.check("threads", 1 if threads is None else threads)
-        rate = self._checked_rate(electron_rate)
-        k_dn_per_e = self.system_gain_dn_per_e(gain_db)
-        dark_e = np.float32(self.dark_current_at(temperature_c) * exposure_s)
-        pattern = self.fixed_pattern
-        dn = np.empty(self.shape, dtype=np.uint16)
-
-        def expose_rows(block: int, rows: slice) -> None:
-            rng = block_generator(seed, Stream.NOISE, exposure_index, block)
-            mean_e = rate[rows] * pattern.photo_response[rows]
-            mean_e *= np.float32(exposure_s)
-            mean_e += dark_e * pattern.dark_current[rows]
-            electrons = collect_electrons(mean_e, self.full_well_e, rng)
-            signal_e = read_out(electrons, pattern.offset_e[rows], self.read_noise_e, rng)
-            dn[rows] = digitise(signal_e, k_dn_per_e, self.black_level_dn, self.bits)
-
-        for_each_block(self.height, expose_rows, threads)
-        return dn
+        model = CaptureModel(self, exposure_s, gain_db, temperature_c, exposure_index, self.full_well_e, exposure_s)
+        return model.expose(self._checked_rate(electron_rate), seed, exposure_index, threads)
 
     def capture(self, signal: Signal, context: Context, index: int) -> Capture:
-        """Take the exposure `index` of the context's settings; see `SensorModel.capture`."""
+        """Take the exposure or capture `index` of the context's settings; see `SensorModel.capture`."""
         check_shape(signal, self.shape)
-        settings = settings_of(context)
-        exposure_s, gain_db, temperature_c = settings.exposure_s[index], settings.gain_db, settings.temperature_c
-        k_dn_per_e = self.system_gain_dn_per_e(gain_db)
-        dn = self.expose(
-            self.electron_rate(signal.values, context.spectrum),
-            exposure_s,
-            gain_db,
-            temperature_c=temperature_c,
-            seed=context.seed,
-            exposure_index=index,
-            threads=context.threads,
-        )
-        return Capture(
-            dn=dn,
-            exposure_s=exposure_s,
-            black_level_dn=self.black_level_dn,
-            dark_dn=self.black_level_dn + k_dn_per_e * self.dark_current_at(temperature_c) * exposure_s,
-            dn_per_lx=k_dn_per_e * self.electrons_per_lx_s(context.spectrum) * exposure_s,
-            saturation_dn=self.saturation_dn(gain_db),
-            k_dn_per_e=k_dn_per_e,
-            dark_noise_dn=self.dark_noise_dn(gain_db),
-        )
+        model = self.capture_models(settings_of(context), context.spectrum)[index]
+        rate = model.sensor._checked_rate(model.sensor.electron_rate(signal.values, context.spectrum))
+        return model.described(model.expose(rate, context.seed, index, context.threads), context.spectrum)
 
     def _checked_rate(self, electron_rate: ArrayLike) -> NDArray[np.float32]:
         rate = np.asarray(electron_rate, dtype=np.float32)
@@ -304,3 +381,113 @@ class Sensor(Sized):
         if not (low >= 0 and high < np.inf):
             raise InputError(f"electron_rate is from {low:g} to {high:g} e⁻/s: give finite numbers of at least 0")
         return np.broadcast_to(rate, self.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class CaptureModel:
+    """A capture with all that it has of sensor, photodiode and exposure settings.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        A sensor that takes this capture only.
+    exposure_s, gain_db, temperature_c : float
+        Exposure time in seconds, gain in dB and temperature of the sensor in degrees Celsius.
+    charge : int
+        Index of the first capture that reads the same charge; its own if there is none before.
+    charge_well_e : float
+        Largest full well of the captures that read this charge, electrons.
+    sensitivity_s : float
+        Signal in DN over that of a second with photodiode and K of the whole sensor.
+    photodiode, readout : int
+        Numbers of photodiode and readout, whose fixed patterns it has.
+    light_share : float
+        Electrons per second over those of the photodiode of the whole sensor.
+    """
+
+    sensor: Sensor
+    exposure_s: float
+    gain_db: float
+    temperature_c: float
+    charge: int
+    charge_well_e: float
+    sensitivity_s: float
+    photodiode: int = 0
+    readout: int = 0
+    light_share: float = 1.0
+
+    @property
+    def settings(self) -> ExposureSettings:
+        """Exposure settings of this capture alone."""
+        return ExposureSettings((self.exposure_s,), self.gain_db, self.temperature_c)
+
+    @property
+    def k_dn_per_e(self) -> float:
+        """Overall system gain at this gain."""
+        return self.sensor.system_gain_dn_per_e(self.gain_db)
+
+    @property
+    def dark_e(self) -> float:
+        """Mean dark electrons."""
+        return self.sensor.dark_current_at(self.temperature_c) * self.exposure_s
+
+    def expose(
+        self, electron_rate: NDArray[np.float32], seed: int, index: int, threads: int | None = None
+    ) -> NDArray[np.uint16]:
+        """Take this capture.
+
+        Parameters
+        ----------
+        electron_rate : ndarray of float32, shape (height, width)
+            Mean photo-electrons per second of each pixel's photodiode.
+        seed, index : int
+            Seed of the run, and number of this capture; they fix the noise.
+        threads : int or None
+            Number of threads, None for one a processor.
+        """
+        sensor, k_dn_per_e, dark_e = self.sensor, self.k_dn_per_e, np.float32(self.dark_e)
+        is_first = self.photodiode == self.readout == 0
+        pattern = sensor.fixed_pattern if is_first else sensor.pattern_of(self.photodiode, self.readout)
+        dn = np.empty(sensor.shape, dtype=np.uint16)
+
+        def expose_rows(block: int, rows: slice) -> None:
+            rng = block_generator(seed, Stream.NOISE, self.charge, block)
+            mean_e = electron_rate[rows] * pattern.photo_response[rows]
+            mean_e *= np.float32(self.exposure_s)
+            mean_e += dark_e * pattern.dark_current[rows]
+            electrons = collect_electrons(mean_e, sensor.full_well_e, rng, self.charge_well_e)
+            if index != self.charge:
+                # The charge is drawn as for its first readout, the noise of reading is another.
+                rng = block_generator(seed, Stream.NOISE, index, block)
+            signal_e = read_out(electrons, pattern.offset_e[rows], sensor.read_noise_e, rng)
+            dn[rows] = digitise(signal_e, k_dn_per_e, sensor.black_level_dn, sensor.bits)
+
+        for_each_block(sensor.height, expose_rows, threads)
+        return dn
+
+    def described(self, dn: NDArray[Any], spectrum: str) -> Capture:
+        """Return digital numbers of this capture with its scales."""
+        sensor, gain_db = self.sensor, self.gain_db
+        return Capture(
+            dn=dn,
+            exposure_s=self.exposure_s,
+            black_level_dn=sensor.black_level_dn,
+            dark_dn=sensor.black_level_dn + self.k_dn_per_e * self.dark_e,
+            dn_per_lx=self.k_dn_per_e * sensor.electrons_per_lx_s(spectrum) * self.exposure_s,
+            saturation_dn=sensor.saturation_dn(gain_db),
+            k_dn_per_e=self.k_dn_per_e,
+            dark_noise_dn=sensor.dark_noise_dn(gain_db),
+            sensitivity_s=self.sensitivity_s,
+        )
+
+
+def _stated(part: Any, *names: str) -> dict[str, Any]:
+    """Return the values of a part that are not None."""
+    return {name: getattr(part, name) for name in names if getattr(part, name) is not None}
+
+
+def _scaled(efficiency: QuantumEfficiency, share: float) -> QuantumEfficiency:
+    """Return a quantum efficiency times a share."""
+    if isinstance(efficiency, float):
+        return efficiency * share
+    return tuple((wavelength_nm, value * share) for wavelength_nm, value in efficiency)

@@ -194,6 +194,9 @@ class Capture:
         Overall system gain, DN per electron.
     dark_noise_dn : float
         Standard deviation of the temporal noise at zero exposure, DN.
+    sensitivity_s : float or None
+        Signal in DN over that of a second with the sensor's own photodiode and gain, by which captures are merged;
+        None for the exposure time.
     """
 
     dn: NDArray[Any]
@@ -204,6 +207,12 @@ class Capture:
     saturation_dn: float
     k_dn_per_e: float
     dark_noise_dn: float
+    sensitivity_s: float | None = None
+
+    @property
+    def sensitivity(self) -> float:
+        """Signal in DN over that of a second with the sensor's own photodiode and gain."""
+        return self.exposure_s if self.sensitivity_s is None else self.sensitivity_s
 
     @property
     def saturated(self) -> NDArray[np.bool_]:

@@ -11,8 +11,18 @@ from numpy.typing import NDArray
 from ..core.photometry import electron_radiance_per_cd_m2
 from .fixed_pattern import Stream, block_generator
 from .optics import Glare, Windscreen
-from .parameters import Bits, ElectronRate, Fraction, Parameters, Sized, Temperature
-from .sensor import Doubling, FullWell, PixelPitch, SystemGain
+from .parameters import (
+    Bits,
+    Doubling,
+    ElectronRate,
+    Fraction,
+    FullWell,
+    Parameters,
+    PixelPitch,
+    Sized,
+    SystemGain,
+    Temperature,
+)
 from .signal import Capture, Context, Signal, check_shape, settings_of
 
 

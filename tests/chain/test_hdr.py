@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import poisson
 
-from labcdp.chain.hdr import ExposureLadder, Hdr, merge_dn
+from labcdp.chain.hdr import CaptureLadder, Hdr, merge_dn
 from labcdp.chain.isp import ToneCurve
 from labcdp.chain.signal import Capture
 from labcdp.core.errors import InputError
@@ -59,7 +59,7 @@ def test_noise_in_dark_signal(method):
 
 
 def ladder(ratio, count=3):
-    return ExposureLadder(tuple(ratio**-i for i in range(count)), saturation_dn=1000.0, k_dn_per_e=1.0)
+    return CaptureLadder.of_exposures(tuple(ratio**-i for i in range(count)), saturation_dn=1000.0, k_dn_per_e=1.0)
 
 
 def moments(method, electrons):

@@ -17,7 +17,7 @@ from scipy.stats import norm, poisson
 
 from labcdp import Chain
 from labcdp.chain import ExposureSettings, Hdr, Sensor
-from labcdp.chain.hdr import ExposureLadder, merge_dn
+from labcdp.chain.hdr import CaptureLadder, merge_dn
 from labcdp.chain.predict.camera import CameraModel
 from labcdp.chain.predict.prediction import PatchRates, predict
 from labcdp.chain.predict.value_bins import ValueBins
@@ -117,7 +117,8 @@ def merged_by_hand(camera, rate_e_s):
     """Distribution of the merged value by all combinations of DN, pixel offset by pixel offset."""
     assert camera.hdr is not None
     sensor = camera.sensor
-    ladder = ExposureLadder(camera.exposures_s, sensor.saturation_dn() - sensor.black_level_dn, sensor.k_dn_per_e)
+    top_dn = sensor.saturation_dn() - sensor.black_level_dn
+    ladder = CaptureLadder.of_exposures(camera.exposures_s, top_dn, sensor.k_dn_per_e)
     net_dn = np.arange(2.0**sensor.bits) - sensor.black_level_dn
     grids = np.meshgrid(*[net_dn] * len(ladder), indexing="ij")
     values = merge_dn(camera.hdr.method, camera.hdr.bits, grids, ladder).ravel()

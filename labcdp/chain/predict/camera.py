@@ -1,4 +1,4 @@
-"""A sensor with its settings and what is made of its exposures, and the probabilities of the DN of one of them."""
+"""A sensor with its settings and what is made of its captures, and the probabilities of the DN of one of them."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ..hdr import ExposureLadder, Hdr
+from ..hdr import CaptureLadder, Hdr
 from ..isp import CodeCurve
-from ..sensor import Sensor, digitise
+from ..sensor import CaptureModel, Sensor, digitise
 from ..signal import ExposureSettings
 
 if TYPE_CHECKING:
@@ -40,22 +40,36 @@ class CameraModel:
         Merge of the exposures; None for a single one.
     tone_curve : CodeCurve or None
         Encodes the merged DN, or the DN of a single exposure with its black level. The code is decoded again.
+    spectrum : str
+        Spectrum of the light, on which the shares of photodiodes with other quantum efficiencies depend.
 
     Raises
     ------
     InputError
-        If there are several exposures without `hdr`.
+        If there are several exposures or captures without `hdr`.
     """
 
     sensor: Sensor
     settings: ExposureSettings
     hdr: Hdr | None = None
     tone_curve: CodeCurve | None = None
+    spectrum: str = "D65"
 
     def __post_init__(self) -> None:
-        count = len(self.settings.exposure_s)
+        count = len(self.sensor.captures or self.settings.exposure_s)
         if self.hdr is None and count > 1:
             raise InputError(f"there are {count} exposures and nothing merges them: give one exposure, or an Hdr")
+
+    @cached_property
+    def captures(self) -> tuple[CaptureModel, ...]:
+        """What is merged, most sensitive first."""
+        models = self.sensor.capture_models(self.settings, self.spectrum)
+        return tuple(sorted(models, key=lambda model: -model.sensitivity_s))
+
+    @property
+    def merges_captures(self) -> bool:
+        """Whether the captures are merged by what they are, and not as exposures of one photodiode at one gain."""
+        return bool(self.sensor.captures) or (self.hdr is not None and self.hdr.method == "most-sensitive")
 
     @cached_property
     def exposures_s(self) -> tuple[float, ...]:
@@ -142,7 +156,10 @@ class CameraModel:
 
     @property
     def dn_per_e_s(self) -> float:
-        """Slope of the mean DN over the rate of photo-electrons: K times the longest exposure."""
+        """Slope of the mean DN over the rate of photo-electrons of the sensor's own photodiode."""
+        if self.sensor.captures:
+            first = self.captures[0]
+            return first.k_dn_per_e * first.light_share * first.exposure_s
         return self.k_dn_per_e * self.exposures_s[0]
 
     @property
@@ -153,6 +170,9 @@ class CameraModel:
     @property
     def dark_dn(self) -> float:
         """Mean DN of dark signal, on the scale of the values."""
+        if self.sensor.captures:
+            first = self.captures[0]
+            return (first.sensor.black_level_dn if self.hdr is None else 0.0) + first.k_dn_per_e * first.dark_e
         black_dn = self.sensor.black_level_dn if self.hdr is None else 0.0
         return black_dn + self.dark_e_s * self.dn_per_e_s
 
@@ -164,10 +184,9 @@ class CameraModel:
         return limit if self.tone_curve is None else min(limit, self.tone_curve.top_dn)
 
     @cached_property
-    def ladder(self) -> ExposureLadder:
-        """The exposures for merging."""
-        net_dn = self.sensor.saturation_dn(self.settings.gain_db) - self.sensor.black_level_dn
-        return ExposureLadder(self.exposures_s, net_dn, self.k_dn_per_e)
+    def ladder(self) -> CaptureLadder:
+        """The captures for merging."""
+        return CaptureLadder.of_captures([c.described(np.empty(0), self.spectrum) for c in self.captures])
 
 
 def electron_rows(mean_e: FloatArray, full_well_e: float, noise_e: float) -> csr_array:

@@ -64,7 +64,8 @@ def predict_chain(
     cells = _scenes(chain.scene, scenes or {})
     levels, shares, pair = _levels(cells)
     front = chain.front(levels, shares)
-    per_lx_s = sensor.electrons_per_lx_s(chain.spectrum)
+    # Of a single capture, its own.
+    per_lx_s = camera.sensor.electrons_per_lx_s(chain.spectrum)
     veil_e_s = _veil_lx(front, len(levels)) * per_lx_s
     if is_mixed(chain):
         (dark, dark_shares), (bright, bright_shares) = mixed_pair(chain, cells, front.values, sensor.pixel_pitch_m)
@@ -84,7 +85,7 @@ def predict_chain(
 
 
 def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ...]:
-    """Luminances of the dark region at which a merge leaves each exposure but the shortest.
+    """Luminances of the dark region at which a merge leaves each capture but the least sensitive.
 
     Parameters
     ----------
@@ -102,7 +103,8 @@ def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ..
         return ()
     try:
         sensor, _ = _sensor(chain, stage or chain.stage_names[-1])
-        camera = CameraModel(sensor, chain.settings, chain.hdr)
+        camera = CameraModel(sensor, chain.settings, chain.hdr, spectrum=chain.spectrum)
+        ladder = camera.ladder
         levels, shares, (dark, _) = _levels([chain.scene])
         front = chain.front(levels, shares)
     except InputError:
@@ -113,13 +115,16 @@ def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ..
     electrons_s = float(front.values[0, dark]) * per_lx - veil_e_s
     if electrons_s == 0:
         return ()
-    count = len(camera.exposures_s)
     luminances = []
-    for index, time in enumerate(camera.exposures_s[:-1]):
-        net_dn = camera.ladder.saturation_dn
+    for index, capture in enumerate(camera.captures[:-1]):
+        net_dn = ladder.saturations_dn[index]
         if chain.hdr.method == "normal":
-            net_dn = min(net_dn, 2 ** (chain.hdr.bits / count * (index + 1)) * time / camera.exposures_s[0])
-        rate = net_dn / camera.k_dn_per_e / time - camera.dark_e_s
+            threshold_dn = 2 ** (chain.hdr.bits / len(ladder) * (index + 1)) / ladder.ratios[index]
+            net_dn = min(net_dn, threshold_dn)
+        if chain.hdr.method == "most-sensitive":
+            net_dn *= 1 - chain.hdr.overlap / 2
+        signal_e = (net_dn + ladder.zeros_dn[index] - capture.sensor.black_level_dn) / capture.k_dn_per_e
+        rate = (signal_e - capture.dark_e) / capture.exposure_s / capture.light_share
         # Light and the other glare grow with the scene.
         luminances.append(float(levels[0, dark]) * (rate - veil_e_s) / electrons_s)
     return tuple(luminance for luminance in luminances if luminance > 0)
@@ -149,15 +154,17 @@ def _camera(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
     assert chain.settings is not None
     names = chain.recorded_names
     index = names.index(stage)
-    if index < len(chain.settings.exposure_s):
-        return CameraModel(sensor, replace(chain.settings, exposure_s=(chain.settings.exposure_s[index],)))
+    if index < len(chain.capture_names):
+        capture = sensor.capture_models(chain.settings, chain.spectrum)[index]
+        return CameraModel(capture.sensor, capture.settings)
     curves = [curve for name, curve in chain.behind if names.index(name) <= index]
     if len(curves) > 1 or not all(isinstance(curve, CodeCurve) for curve in curves):
         raise PredictionError(
             f"{stage} follows stages other than a single tone curve: simulate, or choose an earlier stage"
         )
     curve = curves[0] if curves else None
-    return CameraModel(sensor, chain.settings, chain.hdr, curve if isinstance(curve, CodeCurve) else None)
+    tone_curve = curve if isinstance(curve, CodeCurve) else None
+    return CameraModel(sensor, chain.settings, chain.hdr, tone_curve, chain.spectrum)
 
 
 def _scenes(scene: Scene, fields: Mapping[str, Sequence[Any]]) -> list[Scene]:

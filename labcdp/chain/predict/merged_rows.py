@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from ..hdr import ExposureLadder, Method, linear_stage, mix, weighted_stage
+from ..hdr import CaptureLadder, Method, linear_stage, mix, weighted_stage
 
 FloatArray = NDArray[np.float64]
 
@@ -28,7 +28,7 @@ _NEGLIGIBLE = 1e-9
 
 def merged_rows(
     method: Method,
-    ladder: ExposureLadder,
+    ladder: CaptureLadder,
     exposures: Sequence[Sequence[csr_array]],
     offset_shares: FloatArray,
     net_dn: FloatArray,
@@ -40,7 +40,7 @@ def merged_rows(
     ----------
     method : {"linear", "weighted"}
         Merge method.
-    ladder : ExposureLadder
+    ladder : CaptureLadder
         The exposures, at least two.
     exposures : sequence of sequence of csr_array
         Probabilities of the DN at a list of rates, ``exposures[offset][exposure]`` of shape (rates, DN), longest

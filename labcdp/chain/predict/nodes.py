@@ -172,3 +172,20 @@ class RateGrid:
         index = np.abs(offset)
         node = np.where(offset < 0, -roots[index], roots[index])
         return index, lagrange_weights(node, at)
+
+
+@dataclass(frozen=True, eq=False)
+class KnownRates:
+    """Rates whose distributions are known, where nothing lies between them.
+
+    Parameters
+    ----------
+    rates_e_s : ndarray of float, shape (nodes,)
+        Rising.
+    """
+
+    rates_e_s: FloatArray
+
+    def stencil(self, rates_e_s: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
+        """Nodes and weights for some of the rates, of shape (n, 1); see `RateGrid.stencil`."""
+        return np.searchsorted(self.rates_e_s, rates_e_s)[:, None], np.ones((rates_e_s.size, 1))

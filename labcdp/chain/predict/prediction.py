@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError
 from .camera import CameraModel
+from .capture_table import capture_table
 from .pairs import CellPatch, Cells, ExactPrediction, evaluate_cells
 from .value_table import value_table
 
@@ -93,9 +94,10 @@ def predict(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon
     -----
     All noise of the two patches is independent. The two patches have other pixels and thus other fixed patterns, and
     both see the patterns of all pixels; rows or columns the patches have in common are not taken into account. Values
-    are distributed as `labcdp.chain.predict.value_table` tabulates them: for "linear" and "weighted" by quasi-Monte
-    Carlo, which keeps a CDP within 2e-4 as a rule, within 1e-3 where exposures are nearly equal, their ratios no small
-    whole numbers, or the read noise below an electron; wells of some ten electrons without it are worse. Luminance is
+    are distributed as `labcdp.chain.predict.value_table` tabulates them, and of captures that differ in more than their
+    time `labcdp.chain.predict.capture_table`: where several captures count in one value by quasi-Monte Carlo, which
+    keeps a CDP within 2e-4 as a rule, within 1e-3 where exposures are nearly equal, their ratios no small whole
+    numbers, or the read noise below an electron; wells of some ten electrons without it are worse. Luminance is
     proportional to the value less that of dark signal and veil. Ends, and values of 0 and below, count as in
     `labcdp.metrics.cdp`.
     """
@@ -110,7 +112,8 @@ def predict(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon
     veil, targets = (np.broadcast_to(values, shape).ravel() for values in (rates.veil_e_s, targets))
     zero = camera.dark_dn + camera.dn_per_e_s * veil
     cells = Cells(dark, bright, zero, targets * (1 - epsilon), targets * (1 + epsilon))
-    table = value_table(camera, np.concatenate([dark[0].ravel(), bright[0].ravel()]))
+    tabulate = capture_table if camera.merges_captures else value_table
+    table = tabulate(camera, np.concatenate([dark[0].ravel(), bright[0].ravel()]))
     order = np.argsort(np.einsum("np,np->n", *dark), kind="stable")
     chunks = [order[begin : begin + _CHUNK] for begin in range(0, order.size, _CHUNK)]
     with ThreadPoolExecutor(os.cpu_count()) as pool:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import PredictionError
-from ..hdr import FADE_FROM, ZERO_DN, ExposureLadder, Method, faded_share, merge_dn
+from ..hdr import FADE_FROM, ZERO_DN, CaptureLadder, Method, faded_share, merge_dn
 from .camera import CameraModel
 
 FloatArray = NDArray[np.float64]
@@ -60,10 +60,10 @@ class _Zone:
     high: float
 
 
-def _zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> list[_Zone]:
+def _zones(method: Method, ladder: CaptureLadder, black_level_dn: float) -> list[_Zone]:
     """List the zones of "linear" or "weighted"; those whose factors have no common unit are left out."""
     zones = []
-    end = ladder.saturation_dn * (1.0 if method == "linear" else FADE_FROM)
+    end = ladder.saturations_dn[0] * (1.0 if method == "linear" else FADE_FROM)
     for first in range(len(ladder)):
         factors = ladder.factors(method, first)
         relative = [Fraction(factor / factors[0]).limit_denominator(10_000) for factor in factors]
@@ -72,8 +72,8 @@ def _zones(method: Method, ladder: ExposureLadder, black_level_dn: float) -> lis
         ):
             continue
         common = lcm(*(ratio.denominator for ratio in relative))
-        low = -np.inf if first == 0 else ladder.saturation_dn * ladder.ratios[first - 1]
-        high = (ladder.saturation_dn if first == len(ladder) - 1 else end) * ladder.ratios[first]
+        low = -np.inf if first == 0 else ladder.saturations_dn[0] * ladder.ratios[first - 1]
+        high = (ladder.saturations_dn[0] if first == len(ladder) - 1 else end) * ladder.ratios[first]
         steps = tuple(int(ratio * common) for ratio in relative)
         zones.append(_Zone(first, steps, factors[0] / common, -black_level_dn * sum(factors), low, high))
     return zones
@@ -137,8 +137,8 @@ class ValueBins:
         """
         assert camera.hdr is not None
         method, ladder, black_dn = camera.hdr.method, camera.ladder, camera.sensor.black_level_dn
-        read_dn = ladder.k_dn_per_e * camera.sensor.read_noise_e
-        all_dn = hypot(read_dn, ladder.k_dn_per_e * camera.offset_spread_e)
+        read_dn = ladder.k_dn_per_e[0] * camera.sensor.read_noise_e
+        all_dn = hypot(read_dn, ladder.k_dn_per_e[0] * camera.offset_spread_e)
         top = ladder.merged_saturation_dn
         dn = np.linspace(0, 1, 4001) ** 2 * top
         spread = _spread(method, ladder, dn, all_dn)
@@ -156,7 +156,7 @@ class ValueBins:
         shared = _common_unit(zones) if method == "linear" else None
         for zone in zones:
             shorter = ladder.ratios[zone.first :]
-            variances = [read_dn**2 + ladder.k_dn_per_e * dn / ratio for ratio in shorter]
+            variances = [read_dn**2 + ladder.k_dn_per_e[0] * dn / ratio for ratio in shorter]
             lump_dn = _lump_dn(zone, variances)
             coarse = (spread > _FINE * zone.unit) & np.isinf(lump_dn)
             fine = np.flatnonzero((dn >= zone.low) & (dn < zone.high) & coarse)
@@ -229,15 +229,15 @@ class ValueBins:
         return self._with_edges(np.concatenate([self.edges[:before], edges, self.edges[after:]]), alone)
 
 
-def _spread(method: Method, ladder: ExposureLadder, dn: FloatArray, dark_dn: float) -> FloatArray:
+def _spread(method: Method, ladder: CaptureLadder, dn: FloatArray, dark_dn: float) -> FloatArray:
     """Return the standard deviation of the merged value over its mean."""
-    variances = [ratio**2 * (dark_dn**2 + 1 / 12 + ladder.k_dn_per_e * dn / ratio) for ratio in ladder.ratios]
+    variances = [ratio**2 * (dark_dn**2 + 1 / 12 + ladder.k_dn_per_e[0] * dn / ratio) for ratio in ladder.ratios]
     last = len(ladder) - 1
     variance = variances[last]
     for i in reversed(range(last)):
         if method == "weighted":
             share = faded_share(dn / ladder.ratios[i], i, ladder)
         else:
-            share = np.where(dn / ladder.ratios[i] < ladder.saturation_dn, 1 / (len(ladder) - i), 0.0)
+            share = np.where(dn / ladder.ratios[i] < ladder.saturations_dn[0], 1 / (len(ladder) - i), 0.0)
         variance = share**2 * variances[i] + (1 - share) ** 2 * variance
     return np.sqrt(variance)

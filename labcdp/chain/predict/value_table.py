@@ -16,7 +16,7 @@ from ..hdr import merge_dn, normal_stage
 from ..isp import CodeCurve
 from .camera import CameraModel
 from .merged_rows import merged_rows
-from .nodes import RateGrid, gamma_nodes, normal_nodes
+from .nodes import KnownRates, RateGrid, gamma_nodes, normal_nodes
 from .value_bins import ValueBins
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +39,7 @@ class ValueTable:
         Share of saturated pixels at each node.
     nodes : ndarray of int, shape (nodes,)
         Their numbers in the grid, rising.
-    grid : RateGrid
+    grid : RateGrid or KnownRates
         Rates of photo-electrons.
     """
 
@@ -47,7 +47,15 @@ class ValueTable:
     rows: csr_array
     saturated: FloatArray
     nodes: NDArray[np.intp]
-    grid: RateGrid
+    grid: RateGrid | KnownRates
+
+    def rows_at(self, rates_e_s: FloatArray) -> tuple[csr_array, FloatArray]:
+        """Probabilities of all values, shape (n, k), and saturated share at rates of photo-electrons, shape (n,)."""
+        index, weight = self.grid.stencil(rates_e_s)
+        starts = np.arange(rates_e_s.size + 1) * index.shape[1]
+        column = np.searchsorted(self.nodes, index).ravel()
+        mix = csr_array((weight.ravel(), column, starts), shape=(rates_e_s.size, self.nodes.size))
+        return mix @ self.rows, np.asarray(mix @ self.saturated)
 
     def blocks(
         self, rates_e_s: FloatArray, shares: FloatArray | None = None
@@ -174,7 +182,7 @@ class _TableMaker:
         saturated = np.asarray(rows @ (values >= camera.saturation_dn).astype(np.float64))
         if tone_curve is None:
             return ValueBins.alone(values), rows, saturated
-        return _codes(tone_curve), rows @ indicator(tone_curve.encode(values), tone_curve.n_codes), saturated
+        return code_bins(tone_curve), rows @ indicator(tone_curve.encode(values), tone_curve.n_codes), saturated
 
     def _exact_rows(self, totals_e_s: FloatArray) -> tuple[FloatArray, csr_array]:
         """Whole DN of a single exposure, or of a merge that takes one of them."""
@@ -217,13 +225,13 @@ class _TableMaker:
             bins = ValueBins.for_merge(camera)
             rows = merge(bins.edges)
         else:
-            bins = _codes(tone_curve)
+            bins = code_bins(tone_curve)
             rows = merge(np.concatenate([[-np.inf], tone_curve.first_dn[1:], [tone_curve.top_dn, np.inf]]))
             clipped_by_curve = np.asarray(rows[:, [-1]].todense()).ravel()
             rows = rows @ indicator(np.minimum(np.arange(rows.shape[1]), rows.shape[1] - 2), rows.shape[1] - 1)
             if tone_curve.top_dn < ladder.merged_saturation_dn:
                 return bins, rows, clipped_by_curve
-        clipped = (net_dn >= ladder.saturation_dn).astype(np.float64)
+        clipped = (net_dn >= ladder.saturations_dn[0]).astype(np.float64)
         saturated = np.zeros(totals_e_s.size)
         for share, exposure_rows in zip(frequency, exposures, strict=True):
             saturated += share * (exposure_rows[-1] @ clipped)
@@ -244,7 +252,7 @@ class _TableMaker:
         return spread_e * nodes, frequency
 
 
-def _codes(tone_curve: CodeCurve) -> ValueBins:
+def code_bins(tone_curve: CodeCurve) -> ValueBins:
     """Return the decoded values of all codes."""
     return ValueBins.alone(tone_curve.decode(np.arange(tone_curve.n_codes)))
 

@@ -42,6 +42,9 @@ from .info_results import (
 )
 from .terminal import print_result
 
+#: Bits of DN up to which the end of the histogram is looked at.
+_MOST_BITS_OF_HISTOGRAM = 16
+
 
 def info(file: Path, *, source: str = "A") -> None:
     """Identify a file, and list its content and the commands that use it.
@@ -267,7 +270,8 @@ def _picture(path: Path) -> Description:
         "camera": str(frame.camera) if frame is not None and picture.camera_stated else "not stated",
         **_notes(picture.findings),
     }
-    tables = () if frame is None or picture.coloured else (_clipping(frame),)
+    has_histogram = frame is not None and not picture.coloured and frame.bit_depth <= _MOST_BITS_OF_HISTOGRAM
+    tables = (_clipping(frame),) if frame is not None and has_histogram else ()
     commands = ("view {file}", "rois {file}", "image {file} --roi rois.json", "image-map {file}")
     return Description("picture", commands, properties, tables)
 

@@ -77,10 +77,6 @@ class Picture(PictureFile):
         Values of a file of floats, None for integers.
     light_is_cd_m2 : bool
         Whether the file says that the floats are luminance in cd/m^2.
-    step : float
-        Rounding of `light`: of whole numbers of more than 16 bits; 0 for floats.
-    saturated : ndarray of bool, shape (height, width), or None
-        Where whole numbers of more than 16 bits are saturated.
     encoding : str
         How the values of the file are encoded, as it states, by its kind or as requested.
     findings : tuple of Finding
@@ -112,8 +108,6 @@ class Picture(PictureFile):
     frame: Frame | None = None
     light: NDArray[np.float32] | None = None
     light_is_cd_m2: bool = False
-    step: float = 0.0
-    saturated: NDArray[np.bool_] | None = None
     encoding: Encoding = "linear"
     findings: tuple[Finding, ...] = ()
     exposure_known: bool = False
@@ -217,8 +211,8 @@ class PictureOptions:
             pixel_format(self.pixel_format)
         if self.size is not None and min(self.size) < 1:
             raise InputError(f"the size is {self.size[0]} x {self.size[1]} pixels: give at least 1 x 1")
-        if self.black_level_dn is not None and not 0 <= self.black_level_dn < 2**16:
-            raise InputError(f"the black level is {self.black_level_dn} DN: give a number from 0 to 65535")
+        if self.black_level_dn is not None and not 0 <= self.black_level_dn < 2**MOST_BITS:
+            raise InputError(f"the black level is {self.black_level_dn} DN: give a number from 0 to {2**MOST_BITS - 1}")
         if self.bayer is not None and self.bayer not in _FILTERS:
             raise InputError(f"bayer is {shown(self.bayer)}: give {', '.join(_FILTERS)}")
         lens = ("focal length", self.focal_length_m, 1e-4, 10.0), ("pixel pitch", self.pixel_pitch_m, 1e-7, 1e-3)

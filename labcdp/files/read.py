@@ -188,33 +188,53 @@ def _from_labcdp(
     from .tiff import read_tiff
 
     values, _ = read_tiff(data, path, options.max_pixels)
+    lens, curve = _plan_of_session(path, sha256)
+    given = options.override("encoding")
+    if isinstance(given, Companding):
+        # Of a frame that lies elsewhere, the user may state the curve it was recorded with.
+        curve = given
     try:
-        frame = Frame.from_metadata(values, noted)
+        frame = Frame.from_metadata(values, noted, curve)
     except InputError as error:
         raise InputError(f"{path} is not a frame recorded by labcdp ({error})") from error
-    stated, lens = FileStatements(exposure_s=frame.exposure_s, model=frame.camera.model), _lens_of_session(path, sha256)
-    return _made(path, sha256, stated, options, frame.bit_depth, frame=frame, exposure_known=True, lens=lens)
+    stated, encoding = FileStatements(exposure_s=frame.exposure_s, model=frame.camera.model), frame.companding
+    findings = []
+    if encoding is not None and given not in (None, encoding):
+        findings.append(warning("encoding-ignored", given=encoding_name(given), encoding=encoding_name(encoding)))
+    return _made(
+        path,
+        sha256,
+        stated,
+        options,
+        frame.bit_depth,
+        frame=frame,
+        encoding=encoding or "linear",
+        findings=findings,
+        exposure_known=True,
+        lens=lens,
+    )
 
 
-def _lens_of_session(path: Path, sha256: str) -> Lens | None:
-    """Return the lens by the plan of the session in whose folder a frame was recorded; None for others."""
+def _plan_of_session(path: Path, sha256: str) -> tuple[Lens | None, Companding | None]:
+    """Return lens and curve by the plan of the session in whose folder a frame was recorded; None for others."""
     # A link may lie elsewhere.
     folder = path.resolve().parent.parent
     if not (folder / SESSION_JOURNAL).is_file():
-        return None
+        return None, None
     with suppress(LabcdpError, OSError):
-        lens, frames = _session_at(folder, (folder / SESSION_JOURNAL).stat().st_mtime_ns)
-        return lens if sha256 in frames else None
-    return None
+        lens, curve, frames = _session_at(folder, (folder / SESSION_JOURNAL).stat().st_mtime_ns)
+        return (lens, curve) if sha256 in frames else (None, None)
+    return None, None
 
 
 @lru_cache(maxsize=4)
-def _session_at(folder: Path, _changed_ns: int) -> tuple[Lens, frozenset[str]]:
-    """Lens of a session, and hashes of its frames."""
+def _session_at(folder: Path, _changed_ns: int) -> tuple[Lens, Companding | None, frozenset[str]]:
+    """Lens and curve of a session, and hashes of its frames."""
     from ..session import Session
 
     with Session.open(folder) as session:
-        return session.configuration.optics, frozenset(record.file.sha256 for record in session.frames())
+        plan, hashes = session.configuration, frozenset(record.file.sha256 for record in session.frames())
+        return plan.optics, plan.camera.curve, hashes
 
 
 def _from_raw(path: Path, sha256: str, options: PictureOptions) -> Picture:
@@ -268,7 +288,7 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
     # Of a series, dark pictures have as many bits as the others.
     if values.dtype.itemsize > 2 or (is_wide and given_bits > 16):
         findings = [finding for finding in findings if finding.code != INTEGERS]
-        return _of_many_bits(values.astype(np.uint32), path, sha256, statements, options, findings, exposure_known)
+        return _of_many_bits(values.astype(np.uint32), path, sha256, statements, options, findings)
     if given_bits > 16:
         raise InputError(f"{path} has values of {statements.bits} bits, not of {given_bits}: give 1 to 16")
     coloured, scale = values.ndim == 3, scale_of(values, statements.bits, options, str(path))
@@ -313,7 +333,7 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
         statements,
         options,
         bits,
-        frame=replace(frame, clipped=clipped),
+        frame=replace(frame, clipped=clipped, companding=curve),
         encoding=encoding,
         findings=findings,
         exposure_known=exposure_known,
@@ -330,34 +350,28 @@ def _of_many_bits(
     statements: FileStatements,
     options: PictureOptions,
     findings: Sequence[Finding],
-    exposure_known: bool,
 ) -> Picture:
-    """Make a picture of linear values of 17 to 24 bits, which float32 holds without rounding."""
+    """Make a picture of linear values of 17 to 24 bits."""
     if values.ndim == 3 or options.encoding not in (None, "linear"):
         raise InputError(f"{path} has values up to {values.max()}: more than 16 bits are read as linear grey only")
     stated = options.override("bit_depth") or statements.bits
-    bits = stated if stated is not None and stated <= MOST_BITS else next(n for n in (20, 24) if values.max() < 2**n)
+    if stated is None or not 16 < stated <= MOST_BITS:
+        # What a calibration or a camera specification says.
+        stated = options.stated_bits if 16 < (options.stated_bits or 0) <= MOST_BITS else None
+    bits = stated or next(n for n in (20, 24) if values.max() < 2**n)
     if values.max() >= 2**bits:
         raise InputError(
             f"{path} has values up to {values.max()}, above {bits} bits: give the bit depth it was written with"
         )
-    black_dn, saturation_dn = options.override("black_level_dn") or 0.0, options.saturation_dn or 2**bits - 1
-    light = ((values - float(black_dn)) / 2.0**bits).astype(np.float32)
-    # These options counted here, and are not for floats alone.
-    known = replace(options, overrides=options.overrides - {"bit_depth", "black_level_dn", "encoding", "bayer"})
+    known, taken = statements_over(options, statements), statements.taken or changed_at(path)
+    exposure_known = known.exposure_s is not None
+    frame = make_frame(values, Scale(bits, 2.0**bits - 1), known, taken)
     more = [info("many-bits", bits=bits) if bits == stated else warning("many-bits-guessed", bits=bits)]
-    if mosaic := options.override("bayer") or mosaic_of(values):
+    mosaic = "" if frame.colour_filter or options.bayer else mosaic_of(values)
+    if mosaic:
         more.append(warning("many-bits-mosaic", mosaic=mosaic))
     return _made(
-        path,
-        sha256,
-        statements,
-        known,
-        light=light,
-        findings=(*findings, *more),
-        exposure_known=exposure_known,
-        step=2.0**-bits,
-        saturated=values >= saturation_dn,
+        path, sha256, statements, options, bits, frame=frame, findings=(*findings, *more), exposure_known=exposure_known
     )
 
 

@@ -4,12 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tifffile
 
+import labcdp
 from labcdp.acquire.import_check import ImportFile
 from labcdp.acquire.import_files import import_session
 from labcdp.api.session import Session
 from labcdp.calibration import load_any, save
-from labcdp.core.errors import CalibrationError
+from labcdp.core.errors import CalibrationError, InputError
 from labcdp.core.frame import Frame
 from labcdp.files import Companding
 from labcdp.session import SessionConfiguration
@@ -142,3 +144,49 @@ def recoded(session, configuration, folder):
         for record in session.readings():
             again.add_reading(record.reading, record.patch)
     return Session.open(folder)
+
+
+def test_pictures_of_the_camera_are_expanded_by_the_calibration_and_frames_by_their_session(
+    session, calibration, tmp_path
+):
+    save(calibration, tmp_path / "c.json")
+    record = session.frames("light")[0]
+    frame, file = session.load(record), session.path / record.file.name
+    truth = calibration.to_luminance(frame).luminance_cd_m2
+    tifffile.imwrite(tmp_path / "bare.tif", frame.dn)
+    by_calibration = labcdp.read_image(tmp_path / "bare.tif", calibration=tmp_path / "c.json", exposure_s=0.002)
+    assert np.array_equal(np.asarray(by_calibration.luminance), truth)
+    assert np.array_equal(np.asarray(labcdp.read_image(file, calibration=calibration).luminance), truth)
+    relative = np.asarray(labcdp.read_image(file).luminance, dtype=float)
+    assert relative * FRONT.scale == pytest.approx(frame.linear_dn(), rel=1e-6)
+    # Away from its session, the frame says which curve it lacks.
+    copied = tmp_path / "copied.tif"
+    copied.write_bytes(file.read_bytes())
+    with pytest.raises(InputError, match="codes of the curve 'front', which is not in it"):
+        labcdp.read_image(copied)
+    assert np.array_equal(np.asarray(labcdp.read_image(copied, encoding=FRONT).luminance, dtype=float), relative)
+    with pytest.raises(InputError, match="a calibration includes the encoding"):
+        labcdp.read_image(file, calibration=calibration, encoding="AR0231")
+
+
+def test_linear_values_of_20_bits_are_kept_calibrated_and_converted_as_they_are(tmp_path):
+    wide = imported(
+        tmp_path, encoding=None, pixel_format="Mono20", capture=SeriesCamera.linear, store=lambda v: v.astype(np.uint32)
+    )
+    frame = wide.load(wide.frames("light")[-1])
+    assert (frame.dn.dtype, frame.bit_depth) == (np.uint32, 20)
+    assert np.array_equal(frame.dn, tifffile.imread(sorted((tmp_path / "light").iterdir())[-1]))
+    calibration = wide.calibrate().calibration
+    fit = calibration.responsivity
+    assert calibration.response.kind == "linear"
+    assert abs(fit.responsivity_dn_s_cd_m2 / CAMERA.dn_s_cd_m2 - 1) < 3 * fit.random_rel
+    luminance = calibration.to_luminance(frame).luminance_cd_m2
+    # Two neighbouring values stay two: float64 in the place of float32.
+    assert luminance.dtype == np.float64
+    dark = calibration.dark.mean_dn(frame.exposure_s)
+    scale = fit.responsivity_dn_s_cd_m2 * frame.exposure_s
+    in_middle = luminance[60, 80] * scale + dark, int(frame.dn[60, 80])
+    assert in_middle[0] == pytest.approx(in_middle[1], rel=1e-6)
+    tifffile.imwrite(tmp_path / "bare.tif", frame.dn)
+    image = labcdp.read_image(tmp_path / "bare.tif", calibration=calibration, exposure_s=frame.exposure_s)
+    assert np.array_equal(np.asarray(image.luminance), luminance)

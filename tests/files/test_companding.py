@@ -12,8 +12,14 @@ import tifffile
 import labcdp
 from labcdp.core.errors import ConfigurationError, InputError
 from labcdp.core.luminance import Invalid
-from labcdp.files import Companding, load_curve, shipped_curve, shipped_curves
+from labcdp.evaluate.picture.converter import make_converter
+from labcdp.files import Companding, PictureOptions, load_curve, shipped_curve, shipped_curves
+from labcdp.files.video.open import open_video
+from labcdp.files.video.selection import Selection
+from labcdp.files.video.source import frames_of
 from labcdp.regions import RectangleShape, save_regions
+
+from .video_files import write as write_video
 
 AR0231 = shipped_curve("AR0231")
 BRIGHT, DARK = labcdp.Roi.rectangle("bright", 70, 10, 50, 40), labcdp.Roi.rectangle("dark", 10, 10, 50, 40)
@@ -137,6 +143,29 @@ def test_command_line_folder_of_frames_and_camera_specification(tmp_path):
     ]
     assert contrasts == pytest.approx([119.0] * 4, rel=0.02)
     assert contrasts[1] == contrasts[2]
+
+
+def test_a_video_without_loss_holds_codes_as_a_folder_of_pictures_does(tmp_path):
+    curve = replace(AR0231, embedded_rows=(2, 1))
+    frames = []
+    (tmp_path / "frames").mkdir()
+    for number in range(3):
+        stored = np.full((63, 130), 4095, np.uint16)
+        stored[2:62] = AR0231.code(scene(seed=number))
+        frames.append(stored)
+        file_of(tmp_path / "frames", stored, f"{number}.tif")
+    write_video(tmp_path / "codes.mkv", "ffv1", "gray16le", frames)
+    options = PictureOptions().given(encoding=curve)
+    of_file, of_folder = (
+        frames_of(open_video(tmp_path / name, options), Selection()) for name in ("codes.mkv", "frames")
+    )
+    light = make_converter(encoding=curve)
+    for one, other in zip(of_file, of_folder, strict=True):
+        assert np.array_equal(one.frame.linear_dn(), other.frame.linear_dn())
+        assert np.array_equal(*(light.convert(each.frame).luminance_cd_m2 for each in (one, other)))
+    write_video(tmp_path / "lossy.mp4", "libx264", "gray", [(frame[:60] >> 4).astype(np.uint8) for frame in frames])
+    with pytest.raises(InputError, match="holds numbers that its codec changed, but codes of the curve AR0231"):
+        open_video(tmp_path / "lossy.mp4", options)
 
 
 def _contrast(folder):
@@ -300,12 +329,35 @@ def test_a_dark_picture_of_many_bits_has_the_scale_of_the_others(tmp_path):
     assert means == pytest.approx([3000 / 2**20, 300_000 / 2**20])
 
 
-@pytest.mark.parametrize("given", [{}, {"bayer": "RGGB"}])
-def test_a_mosaic_of_many_bits_is_warned_of(tmp_path, given):
-    path = file_of(tmp_path, behind_filter(scene(bright=900_000.0, dark=300_000.0)).astype(np.uint32))
-    findings = labcdp.read_image(path, bit_depth=20, **given).findings
-    assert "many-bits-mosaic" in [finding.code for finding in findings]
-    assert "option-needs-dn" not in [finding.code for finding in findings]
+def test_green_pixels_of_many_bits_are_selected_and_a_mosaic_is_warned_of(tmp_path):
+    values = behind_filter(scene(bright=900_000.0, dark=300_000.0)).astype(np.uint32)
+    path = file_of(tmp_path, values)
+    assert "many-bits-mosaic" in [finding.code for finding in labcdp.read_image(path, bit_depth=20).findings]
+    image = labcdp.read_image(path, bit_depth=20, bayer="RGGB", no_vignetting=True)
+    assert not {"many-bits-mosaic", "option-needs-dn"} & {finding.code for finding in image.findings}
+    green = (values[0::2, 1::2].astype(float) + values[1::2, 0::2]) / 2
+    assert np.array_equal(np.asarray(image.luminance, dtype=float) * 2**20, green)
+
+
+def test_cd_m2_of_many_bits_by_a_camera_specification_are_those_of_their_codes(tmp_path):
+    linear = np.rint(scene()).astype(np.uint32)
+    (tmp_path / "codes.toml").write_text(SPECIFICATION)
+    (tmp_path / "linear.toml").write_text(
+        SPECIFICATION.replace("adc_bits = 12", "adc_bits = 20").replace('encoding = "AR0231"', 'encoding = "linear"')
+    )
+    np.save(tmp_path / "linear.npy", linear)
+    codes = file_of(tmp_path, AR0231.code(linear))
+    many, expanded_codes = (
+        labcdp.read_image(path, camera_spec=tmp_path / name, no_vignetting=True).luminance
+        for path, name in ((tmp_path / "linear.npy", "linear.toml"), (codes, "codes.toml"))
+    )
+    step = np.where(linear > 65536, 1024, np.where(linear > 2048, 64, 1))
+    per_dn = float(np.asarray(many)[0, 0]) / linear[0, 0]
+    assert np.asarray(many) == pytest.approx(linear * per_dn, rel=1e-6)
+    assert (np.abs(np.asarray(expanded_codes, dtype=float) / per_dn - linear) <= 0.5 * step + 1e-5 * linear).all()
+    # Photons and read noise; of the codes with their rounding.
+    noise = [np.asarray(map_.random_rel) * linear for map_ in (many, expanded_codes)]
+    assert noise[1] == pytest.approx(np.sqrt(noise[0] ** 2 + (step**2 - 1) / 12), rel=0.05)
 
 
 SPECIFICATION = (

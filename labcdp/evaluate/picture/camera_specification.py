@@ -10,12 +10,11 @@ from pydantic import Field, field_validator, model_validator
 from ...chain.optics import Optics, Windscreen
 from ...core.disk import read_toml
 from ...core.errors import InputError
+from ...core.frame import MOST_BITS
 from ...core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
 from ...files.transfer import as_encoding
 from ...session.tables import ConfigurationTable, Format, Fraction, NotNegative, Number, Positive, Text
 from ...session.validation import validated
-
-Bits = Annotated[int, Field(strict=True, ge=1, le=16)]
 
 
 class CameraSpecification(ConfigurationTable):
@@ -26,7 +25,9 @@ class CameraSpecification(ConfigurationTable):
 
     format: Format = Field(1, description="1, the format this labcdp knows, or update labcdp")
     name: Text = Field(description="a name as text")
-    adc_bits: Bits = Field(description="the bits of the converter, 1 to 16")
+    adc_bits: Annotated[int, Field(strict=True, ge=1, le=MOST_BITS)] = Field(
+        description="the bits of the converter, or of merged exposures, 1 to 24"
+    )
     exposure_s: Positive | None = Field(None, description="an exposure time above 0 s")
     gain_db: Number = Field(0.0, description="a gain in dB")
     quantum_efficiency: QuantumEfficiency = Field(

@@ -186,20 +186,15 @@ class Converter:
             return picture.luminance
         if picture.light is not None:
             if self.unit == "cd/m^2" and not picture.light_is_cd_m2:
-                what = "floats" if picture.saturated is None else "whole numbers of more than 16 bits"
                 raise InputError(
-                    f"{picture.path} holds {what}, and does not state that they are cd/m²: calibrations and camera "
+                    f"{picture.path} holds floats, and does not state that they are cd/m²: calibrations and camera "
                     "specifications convert DN; leave them out to get relative values"
                 )
             invalid = np.where(np.isfinite(picture.light), 0, Invalid.DEFECT).astype(np.uint8)
-            if picture.saturated is not None:
-                invalid[picture.saturated] |= Invalid.SATURATED.value
             light, vignetting = picture.light, self._vignetting_of(picture)
-            with np.errstate(divide="ignore", invalid="ignore"):
-                random_rel = np.where(picture.step > 0, picture.step / np.sqrt(12) / np.abs(light), 0.0)
             if isinstance(vignetting, Cos4Vignetting):
                 light = (light / vignetting.relative_illuminance(picture.shape)).astype(np.float32)
-            return AssumedVignettingMap(light, random_rel.astype(np.float32), (), invalid, vignetting)
+            return AssumedVignettingMap(light, np.zeros_like(light), (), invalid, vignetting)
         frame = self.frame_of(picture)
         if self.unit == "cd/m^2" and not picture.exposure_known:
             raise InputError(no_exposure(picture.path))
@@ -232,7 +227,8 @@ class Converter:
         vignetting = self.vignetting(whole, frame.readout)
         if vignetting is not None and part_of is not None:
             vignetting = assumed_in_part(vignetting, whole, (x, y), frame.shape)
-        return self._map(frame, self.options.encoding or "linear", window or WHOLE, None, vignetting)
+        encoding = frame.companding or self.options.encoding or "linear"
+        return self._map(frame, encoding, window or WHOLE, None, vignetting)
 
     def frame_of(self, picture: Picture) -> Frame:
         """Return the DN of a picture, checked to be of the camera and setting that the converter is for.
@@ -408,7 +404,9 @@ def _calibration_findings(calibration: AnyCalibration, picture: Picture, frame: 
     for plane in calibration.planes:
         dark = plane.setting(frame.gain_db).dark
         findings += dark.unknown_temperature_findings([(frame.exposure_s, frame.temperature_c)])
-    return [*unique(findings)] + ([warning("srgb-taken-as-dn")] if picture.encoding != "linear" else [])
+    curve = encoding_findings(picture.encoding) if isinstance(picture.encoding, Companding) else []
+    taken = [warning("srgb-taken-as-dn")] if picture.encoding != "linear" and not curve else []
+    return [*unique(findings), *curve, *taken]
 
 
 def contrast_of(luminance: LuminanceMap, bright: Roi, dark: Roi) -> float:
@@ -447,14 +445,17 @@ def make_converter(
     if calibration is not None:
         if camera is not None:
             raise InputError("both a calibration and a camera specification are given: use one")
-        if encoding is not None and encoding != "linear":
-            name = encoding_name(encoding)
-            raise InputError(f"the encoding is {name}: a calibration includes the encoding, leave it out")
         from ...calibration import load_any
 
+        name = "in memory"
         if isinstance(calibration, Path):
-            return calibrated_converter(load_any(calibration), calibration.name, options).given(**stated)
-        return calibrated_converter(calibration, "in memory", options).given(**stated)
+            name = calibration.name
+            calibration = load_any(calibration)
+        if encoding not in (None, calibration.state.companding or "linear"):
+            raise InputError(
+                f"the encoding is {encoding_name(encoding)}: a calibration includes the encoding, leave it out"
+            )
+        return calibrated_converter(calibration, name, encoding).given(**stated)
     if camera is None:
         return replace(RELATIVE, options=options.given(**stated))
     from .camera_specification import CameraSpecification
@@ -479,17 +480,21 @@ def make_converter(
     return Converter(description, options.given(**stated), specification)
 
 
-def calibrated_converter(calibration: AnyCalibration, name: str, options: PictureOptions | None = None) -> Converter:
-    """Make a converter by a calibration that was loaded from the file `name`."""
+def calibrated_converter(calibration: AnyCalibration, name: str, encoding: Encoding | None = None) -> Converter:
+    """Make a converter by a calibration from the file `name`; its curve expands the codes of pictures.
+
+    Of other pictures the `encoding` may be stated, which is then linear.
+    """
     state = calibration.state
+    curve = state.companding
     options = replace(
-        options or PictureOptions(),
+        PictureOptions().given(encoding=curve or encoding),
         exposure_s=calibration.exposures_s[0] if len(calibration.exposures_s) == 1 else None,
         gain_db=state.gain_db,
         camera=state.camera,
         bit_depth=state.bit_depth,
         pixel_format=state.pixel_format if state.pixel_format in PIXEL_FORMATS else None,
-        saturation_dn=state.saturation_dn,
+        saturation_dn=state.saturation_dn if curve is None else curve.saturation_dn,
         black_level_dn=state.black_level_dn,
     )
     description = f"calibration {name} of {state.camera}, {calibration.lens}, in {calibration.source_spectrum}"

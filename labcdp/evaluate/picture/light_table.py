@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.companding import Companding
 from ...core.dn import look_up
-from ...core.frame import Frame
+from ...core.frame import DnLevels, Frame
 from ...core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.vignetting import AssumedVignetting, Cos4Vignetting
 from ...files.transfer import Encoding, decoded_table
@@ -31,7 +31,7 @@ _GREEN = {"RG": ((0, 1), (1, 0)), "BG": ((0, 1), (1, 0)), "GR": ((0, 0), (1, 1))
 
 @dataclass(frozen=True, eq=False)
 class LightTable:
-    """Light of each DN.
+    """Light of each DN; of more than 16 bits, of each that a frame has: by `Frame.levels`.
 
     Parameters
     ----------
@@ -109,10 +109,11 @@ class TableMap(AssumedVignettingMap):
         self.step = 1 if frame.colour_filter is None else 2
         known = vignetting if isinstance(vignetting, Cos4Vignetting) else None
         inverse_v = None if known is None else _inverse_v(known, frame.shape)
+        dn = frame.levels.index
         offsets = None if frame.black_pattern is None else frame.black_pattern.offsets_dn(frame.shape)
         self._planes = [
             (
-                frame.dn[green],
+                dn[green],
                 None if inverse_v is None else inverse_v[green],
                 None if offsets is None else offsets[green],
             )
@@ -247,23 +248,45 @@ def make_light_table(
     """
     scale = frame.bit_depth, frame.saturation_dn, frame.nominal_black_dn
     if specification is None:
-        return _relative(*scale, encoding)
+        return _relative(*scale, encoding) if frame.bit_depth <= 16 else _relative_of(frame.levels, *scale, encoding)
     setting = frame.exposure_s, frame.gain_db, frame.temperature_c
-    return _specified(specification, *scale, *setting, encoding, f_number, isinstance(vignetting, Cos4Vignetting))
+    corrected = isinstance(vignetting, Cos4Vignetting)
+    if frame.bit_depth <= 16:
+        return _specified(specification, *scale, *setting, encoding, f_number, corrected)
+    return _specified_of(frame.levels, specification, *scale, *setting, encoding, f_number, corrected)
 
 
 @lru_cache(maxsize=16)
 def _relative(bit_depth: int, saturation_dn: float, nominal_black_dn: float, encoding: Encoding) -> LightTable:
-    n = 2**bit_depth
-    linear = np.arange(n) / n if encoding == "linear" else decoded_table(bit_depth, encoding)
-    steps = _steps(linear)
+    """As `_relative_of`, of all DN of up to 16 bits: a table that the next frame has too."""
+    table = _relative_of(_all_dn(bit_depth), bit_depth, saturation_dn, nominal_black_dn, encoding)
+    return replace(table, light=table.light.astype(np.float32))
+
+
+def _all_dn(bit_depth: int) -> DnLevels:
+    dn = np.arange(2**bit_depth)
+    return DnLevels(dn.astype(np.float64), np.ones(dn.size), dn.reshape(1, -1).astype(np.uint32))
+
+
+def _relative_of(
+    levels: DnLevels, bit_depth: int, saturation_dn: float, nominal_black_dn: float, encoding: Encoding
+) -> LightTable:
+    n, dn = 2**bit_depth, levels.values_dn
+    linear = dn / n if encoding == "linear" else decoded_table(bit_depth, encoding)
+    steps = _steps(dn, linear)
     noise = np.sqrt(_ROUNDING_VARIANCE) * steps
-    light = (linear - _black_in(linear, nominal_black_dn)).astype(np.float32)
-    return LightTable(light, noise.astype(np.float32), steps.astype(np.float32), _saturated(n, saturation_dn))
+    light = linear - _black_in(dn, linear, nominal_black_dn)
+    return LightTable(light, noise.astype(np.float32), steps.astype(np.float32), _saturated(dn, saturation_dn))
 
 
 @lru_cache(maxsize=16)
-def _specified(
+def _specified(camera: CameraSpecification, bit_depth: int, *setting: Any) -> LightTable:
+    """As `_specified_of`, of all DN of up to 16 bits."""
+    return _specified_of(_all_dn(bit_depth), camera, bit_depth, *setting)
+
+
+def _specified_of(
+    levels: DnLevels,
     camera: CameraSpecification,
     bit_depth: int,
     saturation_dn: float,
@@ -275,62 +298,67 @@ def _specified(
     f_number: float | None,
     corrected: bool,
 ) -> LightTable:
-    linear = decoded_table(bit_depth, encoding)
+    values_dn = levels.values_dn
+    linear = values_dn / (2**bit_depth - 1) if encoding == "linear" else decoded_table(bit_depth, encoding)
     # Linear values of companded data are DN of the sensor, which has more bits than its codes, without black level.
     top_dn = encoding.scale if isinstance(encoding, Companding) else 2.0**camera.adc_bits - 1
-    black_dn = top_dn * _black_in(linear, nominal_black_dn) if camera.black_dn is None else camera.black_dn
+    black_dn = top_dn * _black_in(values_dn, linear, nominal_black_dn) if camera.black_dn is None else camera.black_dn
     k_dn_per_e = camera.system_gain_dn_per_e(gain_db)
     dark_e = camera.dark_electrons(exposure_s, temperature_c)
     per_cd_m2 = camera.electrons_per_cd_m2_s(f_number) * exposure_s * camera.windscreen_transmittance
     dn = top_dn * linear
     # Photons and dark electrons are one Poisson process.
     noise_e2 = np.maximum((dn - black_dn) / k_dn_per_e, 0) + camera.read_noise_e**2
-    noise_e2 += _ROUNDING_VARIANCE * np.square(top_dn * _steps(linear) / k_dn_per_e)
-    flags = _saturated(linear.size, saturation_dn)
+    noise_e2 += _ROUNDING_VARIANCE * np.square(top_dn * _steps(values_dn, linear) / k_dn_per_e)
+    flags = _saturated(values_dn, saturation_dn)
     if camera.saturation_dn is not None:
         # That of the sensor is with its black level.
         below_dn = encoding.black_value if isinstance(encoding, Companding) else 0.0
         flags[dn + below_dn >= camera.saturation_dn] |= Invalid.SATURATED.value
     zero_dn, light_at_top = black_dn + dark_e * k_dn_per_e, top_dn / (k_dn_per_e * per_cd_m2)
-    light = _proportional(linear, zero_dn, top_dn, light_at_top, encoding)
+    light = _proportional(values_dn, 2**bit_depth - 1, zero_dn, top_dn, light_at_top)
+    if encoding != "linear":
+        light = (linear - zero_dn / top_dn) * light_at_top
     # Where pixels differ by more than their DN, no contrast lies exactly on an end of the interval.
     place_matters = corrected or camera.glare_fraction > 0
     return LightTable(
-        light=light.astype(np.float32) if place_matters else light,
+        light=light.astype(np.float32) if place_matters and bit_depth <= 16 else light,
         noise=(np.sqrt(noise_e2) / per_cd_m2).astype(np.float32),
-        steps=_steps(light).astype(np.float32),
+        steps=_steps(values_dn, light).astype(np.float32),
         flags=flags,
         glare_fraction=camera.glare_fraction,
         common=(CommonError("guessed camera parameters", inf),),
     )
 
 
-def _black_in(linear: NDArray[np.float64], black_dn: float) -> float:
-    """Light of a black level, by that of each DN, and straight on below 0."""
-    below = min(black_dn, 0.0) * (linear[1] - linear[0])
-    return float(np.interp(black_dn, np.arange(linear.size), linear) + below)
+def _black_in(dn: NDArray[np.float64], linear: NDArray[np.float64], black_dn: float) -> float:
+    """Light of a black level, by that of each DN, and straight on below the first."""
+    if dn.size == 1 or not black_dn > dn[0]:
+        # Those of a few DN of many bits are in proportion.
+        slope = (linear[1] - linear[0]) / (dn[1] - dn[0]) if dn.size > 1 else linear[0] / max(dn[0], 1.0)
+        return float(linear[0] + (black_dn - dn[0]) * slope)
+    return float(np.interp(black_dn, dn, linear))
 
 
-def _saturated(n: int, saturation_dn: float) -> NDArray[np.uint8]:
+def _saturated(dn: NDArray[np.float64], saturation_dn: float) -> NDArray[np.uint8]:
     """Flag saturated DN."""
-    return np.where(np.arange(n) >= saturation_dn, Invalid.SATURATED, 0).astype(np.uint8)
+    return np.where(dn >= saturation_dn, Invalid.SATURATED, 0).astype(np.uint8)
 
 
 def _proportional(
-    linear: NDArray[np.float64], zero_dn: float, top_dn: float, light_at_top: float, encoding: Encoding
+    dn: NDArray[np.float64], last_dn: float, zero_dn: float, top_dn: float, light_at_top: float
 ) -> NDArray[np.float64]:
     """Light by DN, 0 at `zero_dn` of a scale that ends at `top_dn` with this light above that of 0.
 
     The light of linear DN is their exact multiple: the contrast of two integers that lies on an end of the interval
     stays there. For that the factor has the 24 bits of a float32, which leaves enough of the 53 for the DN.
     """
-    if encoding != "linear":
-        return (linear - zero_dn / top_dn) * light_at_top
-    last = linear.size - 1
-    zero = zero_dn if last == top_dn else zero_dn / top_dn * last
-    return (np.arange(linear.size, dtype=np.float64) - zero) * float(np.float32(light_at_top / last))
+    zero = zero_dn if last_dn == top_dn else zero_dn / top_dn * last_dn
+    return (dn - zero) * float(np.float32(light_at_top / last_dn))
 
 
-def _steps(linear: NDArray[np.float64]) -> NDArray[np.float64]:
+def _steps(dn: NDArray[np.float64], light: NDArray[np.float64]) -> NDArray[np.float64]:
     """Difference of light from a DN to the next, by DN."""
-    return np.gradient(linear) if linear.size > 1 else np.ones(1)
+    if dn.size > 1:
+        return np.gradient(light, dn)
+    return light / np.maximum(dn, 1.0) if dn[0] > 0 else np.ones(1)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ...core.companding import Companding
 from ...core.disk.files import shown
 from ...core.disk.journal import recorded_head, stored_values
 from ...core.errors import InputError, LabcdpError
@@ -299,7 +300,7 @@ def converter_findings(
     findings += doubts
     was_srgb = any(finding.code == "srgb-colour-to-grey" for finding in source.findings)
     encoding = "srgb" if was_srgb and source.encoding == "linear" else source.encoding
-    if converter.calibration is None:
+    if converter.calibration is None or isinstance(encoding, Companding):
         findings += encoding_findings(encoding)
     elif encoding != "linear":
         findings.append(warning("srgb-taken-as-dn"))

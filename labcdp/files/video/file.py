@@ -31,7 +31,7 @@ from ..kinds import HEAD_BYTES, no_video
 from ..picture import PictureOptions, overridden_frame, unused_options
 from .decoding import shown_frames, video_stream, video_streams
 from .pixels import Pixels, learn_pixels, stated_by, statement_findings
-from .quantiser import PARAMETERS
+from .quantiser import PARAMETERS, is_lossless
 from .source import StoredPixels, VideoFrame, VideoSource, require_frames
 
 #: Frames of all parts that are looked at to estimate bits, and frames from a key frame on that are decoded for one.
@@ -76,7 +76,7 @@ class VideoFile(VideoSource):
 
     def entries(self) -> Iterator[VideoFrame]:
         """Go through all frames; one that cannot be decoded has a fault, and costs no other."""
-        height, width = self.shape
+        height, width = self.shape[0] + sum(self._embedded_rows), self.shape[1]
         as_stored = (height, width) if self.pixels.orientation <= 4 else (width, height)
         with _opened(self.path, self.options.max_pixels) as container:
             for number, time_s, frame, fault in shown_frames(container, as_stored, self.frame_rate):
@@ -91,7 +91,8 @@ class VideoFile(VideoSource):
             raise InputError("it cannot be decoded")
         planes, pixels = self.pixels.planes(frame), self.pixels
         if pixels.kind == "luma":
-            planes = planes[:1]
+            above, below = self._embedded_rows
+            planes = tuple(plane[above : plane.shape[0] - below] for plane in planes[:1])
         part = partial(self._grey if pixels.kind == "luma" else self._of_colours, planes, number)
         in_part = part if pixels.orientation == 1 and pixels.kind != "rgb" else None
         return StoredPixels(planes, pixels.followed(planes), pixels.levels, partial(part, WHOLE), in_part)
@@ -101,9 +102,17 @@ class VideoFile(VideoSource):
         # There is no other reference to the pixels: they need not be copied.
         dn.flags.writeable = False
         if dn.dtype == np.uint8:
-            return replace(self._example, dn=dn, frame_id=number)
+            return replace(self._example, dn=dn, frame_id=number, companding=self._curve)
         made = make_frame(dn, self.scale.for_values(dn, str(self.path)), self.options, self.modified, number)
-        return overridden_frame(made, self.options)
+        return overridden_frame(replace(made, companding=self._curve), self.options)
+
+    @property
+    def _curve(self) -> Companding | None:
+        return self.options.encoding if isinstance(self.options.encoding, Companding) else None
+
+    @property
+    def _embedded_rows(self) -> tuple[int, int]:
+        return (0, 0) if self._curve is None else self._curve.embedded_rows
 
     def _of_colours(self, planes: Sequence[NDArray[Any]], number: int, window: Window) -> Frame:
         dn, clipped = self.pixels.luminance(planes, window)
@@ -160,19 +169,18 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
             count = round((length_s or (container.duration or 0) / av.time_base) * rate)
         try:
             later = _spread(path, options.max_pixels, 1)
-            if isinstance(options.encoding, Companding):
-                raise InputError(
-                    "holds frames that a codec stored, in which labcdp does not look for companded codes: give the "
-                    "frames as a folder of pictures"
-                )
             known = options.encoding, options.of_sensor
             pixels, findings = learn_pixels(frames, later, stream.codec_context, *known)
+            curve = options.encoding if isinstance(options.encoding, Companding) else None
+            if curve is not None:
+                context = stream.codec_context
+                _require_codes(pixels, curve, is_lossless(frames, context.codec, context.profile))
         except InputError as error:
             raise InputError(f"{path} {error}") from error
         findings += statement_findings(by_container, stated_by(frames[0]), pixels.kind != "luma")
         if n_others := len(video_streams(container)) - 1:
             findings.append(warning("video-streams-ignored", count=n_others))
-    height, width = frames[0].height, frames[0].width
+    height, width = frames[0].height - sum(curve.embedded_rows if curve else ()), frames[0].width
     frame_rate = rate if isfinite(rate) and rate > 0 else None
     scale = _scale(frames, pixels, options, path)
     pixels, findings = replace(pixels, scale=scale), [*findings, *scale.findings]
@@ -196,6 +204,8 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     bare = example.clipped is None and example.black_level_dn is None and example.colour_filter is None
     values = np.dstack(pixels.planes(frames[0])) if pixels.kind == "rgb" else example.dn
     top_dn = scale.saturation_dn if pixels.kind == "rgb" else example.saturation_dn
+    if curve is not None:
+        top_dn = 2.0**scale.bits - 1
     return replace(
         source,
         findings=(*findings, *unused_options(example, scale.bits, options)),
@@ -203,8 +213,27 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     )
 
 
+def _require_codes(pixels: Pixels, curve: Companding, is_unchanged: bool) -> None:
+    """Refuse codes of a curve that a video cannot hold; raises InputError without the path."""
+    what = (
+        "colours" if pixels.kind != "luma"
+        else "numbers that its codec changed" if not is_unchanged
+        else "numbers of a limited range" if pixels.limited
+        else "turned frames" if pixels.orientation != 1
+        else f"{pixels.bits} bits" if pixels.bits < curve.file_bits
+        else ""
+    )  # fmt: skip
+    if what:
+        raise InputError(
+            f"holds {what}, but codes of the curve {curve.name} are grey numbers of {curve.file_bits} bits as the "
+            "sensor sent them: record them without loss, for example as FFV1 in gray16le, or as a folder of pictures"
+        )
+
+
 def _scale(frames: Sequence[Any], pixels: Pixels, options: PictureOptions, path: Path) -> Scale:
     """Bits and saturation of the numbers, of 16-bit grey or RGB as given or estimated from frames of all parts."""
+    if isinstance(options.encoding, Companding):
+        return Scale(options.encoding.file_bits, options.encoding.saturation_dn)
     if pixels.bits != 16 or pixels.limited or pixels.kind == "ycbcr":
         return Scale(pixels.bits, 2.0**pixels.bits - 1)
     n_planes = 3 if pixels.kind == "rgb" else 1

@@ -232,7 +232,7 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
         frame_count=len(records),
         frame_rate=(len(records) - 1) / lasted_s if lasted_s > 0 else None,
         exposure_stated=True,
-        encoding=options.encoding or "linear",
+        encoding=session.configuration.camera.curve or options.encoding or "linear",
         readout=None if shown is None else Readout.from_json(shown),
         lens=session.configuration.optics,
         findings=_findings(records, options),

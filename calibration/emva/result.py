@@ -16,6 +16,7 @@ from ...core.result import Finding
 from ..frames.measure import MeasuredFrames
 from ..frames.observations import DarkObservation
 from ..frames.statistics import Level
+from .general import GeneralModel
 
 
 @dataclass(frozen=True)
@@ -165,6 +166,8 @@ class Characterisation:
         Dark signal over the exposure.
     findings : tuple of Finding
         Findings on impossible or suspicious values.
+    general : GeneralModel or None
+        Characteristic curve and SNR at the input after Release 4.0 General; None without photons or luminances.
     """
 
     source: str
@@ -208,6 +211,7 @@ class Characterisation:
     series: tuple[SeriesPoint, ...]
     darks: tuple[DarkObservation, ...]
     findings: tuple[Finding, ...]
+    general: GeneralModel | None = None
 
     def quantities(self) -> dict[str, Quantity | None]:
         """All quantities by name, in the order of the standard."""

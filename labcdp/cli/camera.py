@@ -24,7 +24,8 @@ from ..evaluate.bench.certificate import verification_certificate
 from ..evaluate.bench.session import mismatch, observe_calibrated
 from ..evaluate.bench.session_result import session_input
 from ..evaluate.bench.verification import verification_result, verify_session
-from ..evaluate.camera.characterise import characterise_session
+from ..evaluate.camera.characterise import characterise_camera, characterise_session
+from ..evaluate.camera.general import GeneralCharacterisation, general_files, general_result
 from ..evaluate.camera.result import characterisation_files
 from ..evaluate.camera.result import result as characterisation_result
 from ..evaluate.twin.estimate import require_monochrome
@@ -44,6 +45,9 @@ from .values import fraction_of_percent
 def characterise(results: Results, path: Path) -> None:
     """Measure a camera's gain, noise, dark current, non-uniformity and linearity after EMVA 1288.
 
+    Of cameras with companded data or more than 16 bits, whose values are merged of captures, the characteristic curve,
+    noise and SNR at the input after EMVA 1288 General.
+
     Uses the dark frames and patches of a session, or an EMVA 1288 data set: images and a text file whose lines state
     bits and size (n 12 640 480), exposure in ns and photons per pixel (b 40000 120), exposure of dark images (d 40000)
     and image files (i a.png).
@@ -58,23 +62,25 @@ def characterise(results: Results, path: Path) -> None:
     source = path if path.is_dir() else path.resolve().parent
     with results.folder(source) as folder:
         characterised, inputs, title = _characterised(path)
-        result = characterisation_result(characterised, title, inputs)
-        folder.add(characterisation_files(characterised, result))
+        if isinstance(characterised, GeneralCharacterisation):
+            result = general_result(characterised, title, inputs)
+            folder.add(general_files(characterised, result))
+        else:
+            result = characterisation_result(characterised, title, inputs)
+            folder.add(characterisation_files(characterised, result))
     results.show(result, folder)
 
 
-def _characterised(path: Path) -> tuple[Characterisation, list[InputFile], str]:
+def _characterised(path: Path) -> tuple[Characterisation | GeneralCharacterisation, list[InputFile], str]:
     """Return what was found, what it was made from, and its title."""
     index = index_path(path)
     with progress_bar("Reading") as report:
         if index is not None:
-            characterised = characterise_data_set(index, report)
-            return characterised, [InputFile.of("index", index)], index.resolve().parent.name
+            return characterise_data_set(index, report), [InputFile.of("index", index)], index.resolve().parent.name
         if not (path / "session.toml").exists():
             raise InputError(f"{path} contains neither a session nor {INDEX_NAME}: give a session or a data set")
         with Session.open(path) as session:
-            characterised = characterise_session(session, report)
-            return characterised, [session_input(session)], session.configuration.name
+            return characterise_camera(session, report), [session_input(session)], session.configuration.name
 
 
 def twin(

@@ -23,6 +23,7 @@ from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
 from ..core.result import Finding, info, warning
 from ..core.vignetting import Lens
+from .companded import companded_findings
 from .doubts import BLACK_LEVEL, ENCODING, doubts_of, encodings, histogram_of, mosaic_of
 from .frame import (
     IMAGE_SUFFIXES,
@@ -307,6 +308,8 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
         likely, other = encodings(counts, saturation_dn, statements.bits, in_colours)
         encoding = usual if in_colours else options.assumed_encoding or likely
         other = other if encoding == likely else likely
+    if options.encoding is None and not (coloured or statements.stated_by):
+        findings += companded_findings(counts, statements.bits)
     bare = not coloured and _is_bare(statements, options)
     top_dn = 2.0**scale.bits - 1 if isinstance(encoding, Companding) else saturation_dn
     doubts = doubts_of(values, top_dn, encoding, other, counts, as_stored=bare)

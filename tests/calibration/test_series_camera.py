@@ -22,9 +22,9 @@ CAMERA = SeriesCamera()
 FRONT = Companding("front", CODES, VALUES, 12, black_value=BLACK_DN)
 
 
-def imported(folder, **of_bench):
+def imported(folder, camera=CAMERA, **of_bench):
     """Session of the world's pictures, as ``labcdp import`` makes it."""
-    write_bench(folder, CAMERA, **of_bench)
+    write_bench(folder, camera, **of_bench)
     files = [
         ImportFile(path, role, exposure_s=float(path.name.split("ms")[0]) / 1000)
         for role in ("light", "dark")

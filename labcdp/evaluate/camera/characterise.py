@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from math import inf
 from typing import Any
@@ -24,14 +25,16 @@ from ...calibration.emva.result import Characterisation, SaturationLimit, Series
 from ...calibration.emva.transfer import Saturation, points_to_fit, system_gain
 from ...calibration.fitting.full_well import SAFE_SHARE, plateau_dn
 from ...calibration.frames.measure import MeasuredFrames
+from ...calibration.frames.observations import CameraState, DarkObservation
 from ...calibration.frames.observe import dark_observation
 from ...calibration.setup import corrected
 from ...core.clock import exposure_text
 from ...core.errors import CalibrationError
 from ...core.quantity import Quantity
 from ...core.reading import Reading
-from ...core.result import Finding, warning
+from ...core.result import Finding, unique, warning
 from ...session import Session
+from ..bench.corrections import natural_vignetting
 from .frames import (
     SessionFrames,
     SessionPoint,
@@ -41,6 +44,7 @@ from .frames import (
     quantum_efficiency_estimate,
     unsaturated,
 )
+from .general import GeneralCharacterisation, dark_noise, model_findings, session_model
 
 #: Dark signal farther away in temperature than this, in kelvin, is reported.
 _SAME_TEMPERATURE_K = 2.0
@@ -80,8 +84,24 @@ def characterise_session(
     InputError
         If a patch lies outside the image.
     """
+    return _linear(session, measure_session(session, report))
+
+
+def characterise_camera(
+    session: Session, report: Callable[[int, int], None] = lambda _done, _total: None
+) -> Characterisation | GeneralCharacterisation:
+    """Characterise the camera of a session after EMVA 1288 Linear, or General where values are merged of captures.
+
+    Parameters and errors are those of `characterise_session`; without meter readings there is no General.
+    """
     measured = measure_session(session, report)
-    state = measured.state
+    return _general(session, measured) if measured.state.has_hand_overs else _linear(session, measured)
+
+
+def _series(
+    measured: SessionFrames,
+) -> tuple[list[SessionPoint], dict[float, MeasuredFrames], list[DarkObservation], list[Finding]]:
+    """Return points in rising order of signal, dark frames by exposure with their observations, and findings."""
     reference, findings = _reference(measured)
     darks = [dark_observation(level) for level in reference.values()]
     missing = sorted({level.exposure_s for level in measured.patches} - set(reference))
@@ -91,7 +111,49 @@ def characterise_session(
     if not usable:
         raise CalibrationError("the session has no light and dark frames at the same exposure: record both")
     changed = with_frame_changes([_point(level, reference[level.exposure_s]) for level in usable], darks)
-    points = _full_marked(sorted(changed, key=lambda point: point.net_dn))
+    return sorted(changed, key=lambda point: point.net_dn), reference, darks, findings
+
+
+def _general(session: Session, measured: SessionFrames) -> GeneralCharacterisation:
+    """Characterise after EMVA 1288 General alone."""
+    points, _, darks, findings = _series(measured)
+    state, noise = measured.state, dark_noise(darks)
+    vignetting = natural_vignetting(session.configuration, state)
+    model = session_model(points, _luminances(session), vignetting, noise.value)
+    dark = fit_dark_current(darks)
+    return GeneralCharacterisation(
+        source=session.configuration.name,
+        camera=_camera(state),
+        simulated=state.camera.simulated,
+        state=state,
+        temperature_c=dark.model.temperature_c,
+        black_level_dn=dark.black_level_dn,
+        dark_noise_dn=noise,
+        model=model,
+        darks=tuple(darks),
+        findings=unique([*findings, *model_findings(model)]),
+    )
+
+
+def _camera(state: CameraState) -> str:
+    return str(state.camera) + ("" if state.plane is None else f", plane {state.plane}")
+
+
+def _luminances(session: Session) -> dict[str, list[Reading]]:
+    """Return readings of luminance by patch, with the correction of the meter's certificate."""
+    readings: dict[str, list[Reading]] = {}
+    for record in session.readings():
+        if record.reading.unit != "%":
+            luminance = corrected(record.reading, session.configuration.meter.certificate)
+            readings.setdefault(record.patch, []).append(luminance)
+    return readings
+
+
+def _linear(session: Session, measured: SessionFrames) -> Characterisation:
+    """Characterise after EMVA 1288 Linear, with General beside it where there are readings."""
+    state = measured.state
+    in_order, reference, darks, findings = _series(measured)
+    points = _full_marked(in_order)
     dark = fit_dark_current(darks)
     transfer = _transfer(points, dark.black_level_dn.value, state.bit_depth, state.saturation_dn)
     quantities, more = _nonuniformity(reference, points, transfer)
@@ -101,14 +163,19 @@ def characterise_session(
     quantities["doubling_temperature_c"] = every.doubling_temperature_c()
     origin = {
         "source": session.configuration.name,
-        "camera": str(state.camera) + ("" if state.plane is None else f", plane {state.plane}"),
+        "camera": _camera(state),
         "simulated": state.camera.simulated,
         "bits": state.bit_depth,
         "image_shape": state.image_shape,
         "gain_db": state.gain_db,
         "temperature_c": dark.model.temperature_c,
     }
-    return with_findings(assemble(origin, points, darks, transfer, quantities), [*findings, *more, *meter_findings])
+    found = with_findings(assemble(origin, points, darks, transfer, quantities), [*findings, *more, *meter_findings])
+    with suppress(CalibrationError):
+        vignetting = natural_vignetting(session.configuration, state)
+        model = session_model(points, _luminances(session), vignetting, found.dark_noise_dn.value)
+        found = replace(found, general=model)
+    return found
 
 
 def _reference(measured: SessionFrames) -> tuple[dict[float, MeasuredFrames], list[Finding]]:
@@ -182,11 +249,7 @@ def _transfer(points: Sequence[SeriesPoint], black_level_dn: float, bits: int, s
 def _sensitivity(
     session: Session, points: Sequence[SessionPoint], transfer: Transfer, measured: SessionFrames
 ) -> tuple[dict[str, Any], list[Finding]]:
-    configuration, state, readings = session.configuration, measured.state, dict[str, list[Reading]]()
-    for record in session.readings():
-        if record.reading.unit != "%":
-            luminance = corrected(record.reading, configuration.meter.certificate)
-            readings.setdefault(record.patch, []).append(luminance)
+    configuration, state, readings = session.configuration, measured.state, _luminances(session)
     r, findings = photometric_responsivity(measured, readings, configuration)
     efficiency = None if r is None else quantum_efficiency_estimate(r, transfer.k, configuration, state)
     line = patch_deviations(unsaturated(points), transfer.saturation.net_dn)

@@ -16,6 +16,7 @@ from ...report.layout import Card, Page, ReportFigure, Section, facts_table, pag
 from ...report.text import capitalised, cell_expanded, cell_text, cell_value
 from ..bench.quantities import RESPONSIVITY
 from .figures import signal_figures
+from .general import model_figures, model_quantities, model_table
 from .nonuniformity import spatial_figures
 
 #: Units as they are printed.
@@ -47,6 +48,7 @@ def result(characterisation: Characterisation, title: str = "", inputs: Sequence
         (
             quantity_table("characterisation", "Quantities after EMVA 1288", _quantities(characterisation)),
             _series(characterisation.series),
+            *(() if characterisation.general is None else (model_table(characterisation.general),)),
             _darks(characterisation.darks),
         ),
         characterisation.findings,
@@ -69,6 +71,10 @@ def _quantities(characterisation: Characterisation) -> Iterator[NamedValue]:
             yield NamedValue(
                 f"{name} in dB", _DB * log10(quantity.value), "dB", "20 log10 of the ratio", u_db, key=f"{key}_db"
             )
+
+
+    if characterisation.general is not None:
+        yield from model_quantities(characterisation.general)
 
 
 def stated(key: str, name: str, quantity: Quantity) -> NamedValue:
@@ -153,6 +159,10 @@ def _sections(
     meanings = result.table("characterisation").only("quantity", "meaning")
     yield Section("How the values were determined", (page_text("characterise-no-compliance"), meanings), collapsed=True)
     yield Section("Signal and noise", figures)
+    general = characterisation.general
+    if general is not None:
+        of_model = model_figures(general, characterisation.simulated)
+        yield Section("EMVA 1288 General", (*of_model, result.table("general")), collapsed=True)
     spatial = spatial_figures(characterisation)
     if spatial:
         yield Section("Non-uniformity", spatial)

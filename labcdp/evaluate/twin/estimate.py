@@ -8,6 +8,7 @@ from typing import Any
 
 from ...calibration import Calibration, DarkModel
 from ...calibration.emva.result import Characterisation
+from ...calibration.frames.observations import CameraState
 from ...calibration.sensor.dark_fit import TYPICAL_DOUBLING_C
 from ...calibration.sensor.noise import find_gain
 from ...calibration.uncertainty import scales_apart
@@ -38,6 +39,11 @@ def require_monochrome(session: Session) -> Frame:
         raise CalibrationError(
             f"the camera has a colour filter ({frame.colour_filter or frame.plane}): twins of colour cameras are not "
             "supported, record the session with a monochrome camera"
+        )
+    if CameraState.of(frame).has_hand_overs:
+        raise CalibrationError(
+            "the frames are companded or have more than 16 bits, of several captures: twins are those of a single "
+            "capture; state the captures in a chain (labcdp sweep)"
         )
     return frame
 

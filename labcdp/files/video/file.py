@@ -25,7 +25,8 @@ from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
 from ...core.result import warning
-from ..doubts import doubts_of
+from ..companded import companded_findings
+from ..doubts import doubts_of, histogram_of
 from ..frame import Scale, changed_at, frame_of_pixels, make_frame, scale_of
 from ..kinds import HEAD_BYTES, no_video
 from ..picture import PictureOptions, overridden_frame, unused_options
@@ -172,9 +173,10 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
             known = options.encoding, options.of_sensor
             pixels, findings = learn_pixels(frames, later, stream.codec_context, *known)
             curve = options.encoding if isinstance(options.encoding, Companding) else None
+            context = stream.codec_context
+            is_unchanged = is_lossless(frames, context.codec, context.profile)
             if curve is not None:
-                context = stream.codec_context
-                _require_codes(pixels, curve, is_lossless(frames, context.codec, context.profile))
+                _require_codes(pixels, curve, is_unchanged)
         except InputError as error:
             raise InputError(f"{path} {error}") from error
         findings += statement_findings(by_container, stated_by(frames[0]), pixels.kind != "luma")
@@ -202,6 +204,8 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     # Options that do not fit fail at once, and not once for each frame.
     example = source.stored(frames[0], 0).frame
     bare = example.clipped is None and example.black_level_dn is None and example.colour_filter is None
+    if options.encoding is None and pixels.kind == "luma" and is_unchanged and not pixels.limited:
+        findings += companded_findings(histogram_of(example.dn), pixels.bits)
     values = np.dstack(pixels.planes(frames[0])) if pixels.kind == "rgb" else example.dn
     top_dn = scale.saturation_dn if pixels.kind == "rgb" else example.saturation_dn
     if curve is not None:

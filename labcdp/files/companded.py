@@ -22,8 +22,6 @@ _LEAST_KNEES, _MOST_OTHERS = 2, 0.25
 _EVIDENCE = 15.0
 #: Least ratio of slopes that makes a knee.
 _KNEE = 1.5
-#: Bits up to which values are no codes of a series camera.
-_SMALLEST_CODES = 8
 
 
 def likely_curve(counts: NDArray[np.int64], bits: int) -> Companding | None:
@@ -53,19 +51,19 @@ def likely_curve(counts: NDArray[np.int64], bits: int) -> Companding | None:
     'AR0231'
     >>> likely_curve(np.bincount(np.minimum(light, 65535).astype(int)), 16)
     """
-    best = _EVIDENCE, None
+    most, best = _EVIDENCE, None
     for curve in map(shipped_curve, shipped_curves()):
         for shift in sorted({0, max(bits - curve.bits, 0)}):
             codes = _codes(counts, curve, shift)
             evidence = 0.0 if codes is None else _evidence(codes, curve)
-            if evidence > best[0]:
-                best = evidence, replace(curve, shift=shift)
-    return best[1]
+            if evidence > most:
+                most, best = evidence, replace(curve, shift=shift)
+    return best
 
 
 def companded_findings(counts: NDArray[np.int64], bits: int) -> list[Finding]:
     """Return a warning that grey values look like codes of a shipped curve; none if they do not."""
-    curve = likely_curve(counts, bits) if bits > _SMALLEST_CODES else None
+    curve = likely_curve(counts, bits)
     return [] if curve is None else [warning("companded-likely", curve=curve.name, shift=curve.shift)]
 
 

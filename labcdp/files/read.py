@@ -23,7 +23,6 @@ from ..core.errors import InputError, LabcdpError
 from ..core.frame import Frame
 from ..core.result import Finding, info, warning
 from ..core.vignetting import Lens
-from .companded import companded_findings
 from .doubts import BLACK_LEVEL, ENCODING, doubts_of, encodings, histogram_of, mosaic_of
 from .frame import (
     IMAGE_SUFFIXES,
@@ -39,7 +38,7 @@ from .frame import (
 from .kinds import EXR, HEAD_BYTES, JPEG, NPY, PNG, TIFF, ZIP, no_picture
 from .picture import Picture, PictureOptions, with_overrides
 from .statements import NOTHING_STATED, FileStatements
-from .stored_image import INTEGERS, MOST_BITS, Stored, decoded_by_table, grey_finding, luminance_dn
+from .stored_image import INTEGERS, MOST_BITS, SCREEN_BITS, Stored, decoded_by_table, grey_finding, luminance_dn
 from .transfer import Encoding, encoding_name
 
 #: Codes of what is said of an encoding that was not given.
@@ -308,7 +307,9 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
         likely, other = encodings(counts, saturation_dn, statements.bits, in_colours)
         encoding = usual if in_colours else options.assumed_encoding or likely
         other = other if encoding == likely else likely
-    if options.encoding is None and not (coloured or statements.stated_by):
+    if options.encoding is None and statements.bits > SCREEN_BITS and not (coloured or statements.stated_by):
+        from .companded import companded_findings
+
         findings += companded_findings(counts, statements.bits)
     bare = not coloured and _is_bare(statements, options)
     top_dn = 2.0**scale.bits - 1 if isinstance(encoding, Companding) else saturation_dn

@@ -72,7 +72,6 @@ def _quantities(characterisation: Characterisation) -> Iterator[NamedValue]:
                 f"{name} in dB", _DB * log10(quantity.value), "dB", "20 log10 of the ratio", u_db, key=f"{key}_db"
             )
 
-
     if characterisation.general is not None:
         yield from model_quantities(characterisation.general)
 

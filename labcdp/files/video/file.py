@@ -25,11 +25,11 @@ from ...core.errors import InputError
 from ...core.frame import Frame
 from ...core.luminance import WHOLE, Window
 from ...core.result import warning
-from ..companded import companded_findings
 from ..doubts import doubts_of, histogram_of
 from ..frame import Scale, changed_at, frame_of_pixels, make_frame, scale_of
 from ..kinds import HEAD_BYTES, no_video
 from ..picture import PictureOptions, overridden_frame, unused_options
+from ..stored_image import SCREEN_BITS
 from .decoding import shown_frames, video_stream, video_streams
 from .pixels import Pixels, learn_pixels, stated_by, statement_findings
 from .quantiser import PARAMETERS, is_lossless
@@ -204,7 +204,10 @@ def open_video_file(path: Path, options: PictureOptions) -> VideoSource:
     # Options that do not fit fail at once, and not once for each frame.
     example = source.stored(frames[0], 0).frame
     bare = example.clipped is None and example.black_level_dn is None and example.colour_filter is None
-    if options.encoding is None and pixels.kind == "luma" and is_unchanged and not pixels.limited:
+    is_grey = pixels.kind == "luma" and is_unchanged and not pixels.limited
+    if options.encoding is None and is_grey and pixels.bits > SCREEN_BITS:
+        from ..companded import companded_findings
+
         findings += companded_findings(histogram_of(example.dn), pixels.bits)
     values = np.dstack(pixels.planes(frames[0])) if pixels.kind == "rgb" else example.dn
     top_dn = scale.saturation_dn if pixels.kind == "rgb" else example.saturation_dn

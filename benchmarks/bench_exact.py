@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 
 import labcdp
+from labcdp import Chain
 from labcdp.chain import ExposureSettings, Hdr, Sensor
 from labcdp.chain.predict.camera import CameraModel
 from labcdp.chain.predict.prediction import PatchRates, predict
@@ -71,6 +72,25 @@ def main() -> None:
         map_s = best_s(partial(predict, camera, rates, contrast))
         share = map_s / contrast.size / luminance.size / cell_s
         print(f"map of 200 x 50 cells, {name:25s} {map_s:7.3f} s   a cell is {share:.2g} of the simulated one")
+    one, four = (best_s(partial(sweep_of_140_db, chain)) for chain in chains_of_captures())
+    print(f"200 luminances over 140 dB, one capture {one:.3f} s, four captures {four:.3f} s: {four / one:.2f} times")
+
+
+def chains_of_captures() -> tuple[Chain, Chain]:
+    """Return the preset split-pixel with its large photodiode at low gain alone, and with a fourth, short capture."""
+    document = Chain.load("split-pixel").document
+    sensor = document["sensor"]
+    first, low, small = sensor.pop("captures")
+    photodiodes = sensor.pop("photodiodes")
+    alone = sensor | {key: low[key] for key in ("k_dn_per_e", "read_noise_e")}
+    captures = [first, low, small, small | {"name": "short", "exposure_s": 0.4e-3}]
+    merged = sensor | {"photodiodes": photodiodes, "captures": captures}
+    single = {key: value for key, value in document.items() if key != "hdr"}
+    return Chain.from_document(single | {"sensor": alone}), Chain.from_document(document | {"sensor": merged})
+
+
+def sweep_of_140_db(chain: Chain) -> None:
+    chain.sweep(exact=True, scene__luminance_cd_m2=np.geomspace(1e-3, 1e4, 200))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import hypot, sqrt
 from typing import Annotated, Any, ClassVar
 
@@ -173,7 +173,7 @@ class Sensor(Sized):
         object.__setattr__(self, "quantum_efficiency", as_quantum_efficiency(self.quantum_efficiency))
         for capture in self.captures:
             with naming(f"capture {shown(capture.name)}"):
-                self._alone(capture)
+                _alone(self, capture)
 
     @cached_property
     def fixed_pattern(self) -> FixedPattern:
@@ -193,21 +193,6 @@ class Sensor(Sized):
         """Return number and values of a photodiode; 0 and None for that of the sensor itself."""
         found = ((number, part) for number, part in enumerate(self.photodiodes, 1) if part.name == name)
         return next(found, (0, None))
-
-    def _alone(self, capture: CaptureSettings) -> Sensor:
-        """Return a sensor that takes this capture only."""
-        values: dict[str, Any] = {"photodiodes": (), "captures": ()}
-        _, photodiode = self._photodiode(capture.photodiode)
-        if photodiode is not None:
-            own = photodiode.quantum_efficiency
-            efficiency = self.quantum_efficiency if own is None else own
-            values["quantum_efficiency"] = _scaled(efficiency, photodiode.light_share)
-            values |= _stated(photodiode, "full_well_e", "dark_current_e_s", "prnu_rel", "dsnu_e_s")
-            dark_e_s = values.get("dark_current_e_s")
-            if dark_e_s is not None and "dsnu_e_s" not in values and self.dsnu_e_s > 0:
-                values["dsnu_e_s"] = self.dsnu_e_s * dark_e_s / self.dark_current_e_s
-        values |= _stated(capture, "k_dn_per_e", "read_noise_e", "full_well_e", "dsnu_e", "bits", "black_level_dn")
-        return replace(self, **values)
 
     def capture_models(self, settings: ExposureSettings, spectrum: str) -> tuple[CaptureModel, ...]:
         """Return what is taken of a scene: the captures of this sensor, or without any the exposures of the settings.
@@ -239,7 +224,7 @@ class Sensor(Sized):
         return self._own_models(settings, spectrum)
 
     def _own_models(self, settings: ExposureSettings, spectrum: str) -> tuple[CaptureModel, ...]:
-        sensors = [self._alone(capture) for capture in self.captures]
+        sensors = [_alone(self, capture) for capture in self.captures]
         times = [capture.exposure_s or settings.exposure_s[0] for capture in self.captures]
         charges = [
             (capture.photodiode, time, capture.start_s) for capture, time in zip(self.captures, times, strict=True)
@@ -446,8 +431,7 @@ class CaptureModel:
             Number of threads, None for one a processor.
         """
         sensor, k_dn_per_e, dark_e = self.sensor, self.k_dn_per_e, np.float32(self.dark_e)
-        is_first = self.photodiode == self.readout == 0
-        pattern = sensor.fixed_pattern if is_first else sensor.pattern_of(self.photodiode, self.readout)
+        pattern = sensor.pattern_of(self.photodiode, self.readout)
         dn = np.empty(sensor.shape, dtype=np.uint16)
 
         def expose_rows(block: int, rows: slice) -> None:
@@ -479,6 +463,23 @@ class CaptureModel:
             dark_noise_dn=sensor.dark_noise_dn(gain_db),
             sensitivity_s=self.sensitivity_s,
         )
+
+
+@lru_cache(maxsize=256)
+def _alone(sensor: Sensor, capture: CaptureSettings) -> Sensor:
+    """Return a sensor that takes this capture only."""
+    values: dict[str, Any] = {"photodiodes": (), "captures": ()}
+    _, photodiode = sensor._photodiode(capture.photodiode)
+    if photodiode is not None:
+        own = photodiode.quantum_efficiency
+        efficiency = sensor.quantum_efficiency if own is None else own
+        values["quantum_efficiency"] = _scaled(efficiency, photodiode.light_share)
+        values |= _stated(photodiode, "full_well_e", "dark_current_e_s", "prnu_rel", "dsnu_e_s")
+        dark_e_s = values.get("dark_current_e_s")
+        if dark_e_s is not None and "dsnu_e_s" not in values and sensor.dsnu_e_s > 0:
+            values["dsnu_e_s"] = sensor.dsnu_e_s * dark_e_s / sensor.dark_current_e_s
+    values |= _stated(capture, "k_dn_per_e", "read_noise_e", "full_well_e", "dsnu_e", "bits", "black_level_dn")
+    return replace(sensor, **values)
 
 
 def _stated(part: Any, *names: str) -> dict[str, Any]:

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import labcdp
 from labcdp import Chain
 from labcdp.chain import CameraModel, CaptureSettings, ExposureSettings, Hdr, Photodiode, PiecewiseLinear, Sensor
 from labcdp.chain.hdr import CaptureLadder, Method
 from labcdp.chain.predict.chain import known_transitions
 from labcdp.chain.predict.prediction import PatchRates, predict
 from labcdp.core.errors import InputError
+from labcdp.evaluate.compare.requirement import _changed
 
 PIXELS = 20_000
 SENSOR = Sensor(
@@ -358,3 +360,45 @@ def test_captures_that_do_not_fit_are_refused(changes, message):
 def test_values_out_of_range_are_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+#: Luminance of the dark squares, and capture by which it is seen, with its K, read noise, share of the light and dark
+#: current, as published (IISW 2019, R32, table 1); 0.183 DN/e- are 49 uV/e-, 0.748 are 200 uV/e-.
+BY_HAND = [(L, 0.748, 0.83, 1.0, 25.6) for L in (0.02, 0.2, 2.0, 10.0, 25.0)]
+BY_HAND += [(L, 0.183, 3.05, 1.0, 25.6) for L in (60.0, 100.0)] + [
+    (L, 0.510, 0.83, 0.01, 4.2) for L in (400.0, 1000.0, 3000.0)
+]
+
+
+def test_snr_of_the_published_split_pixel_by_hand():
+    """Photons of D65 of ISETCam, lens by pi / (4 N^2), N / sqrt(all variances) of the capture that counts."""
+    chain = Chain.load("split-pixel").with_(scene__width=24, scene__height=24, scene__square_px=4)
+    flat = chain.with_(sensor__quantum_efficiency=[[400, 0.6], [700, 0.6]])
+    snr = flat.sweep(scene__luminance_cd_m2=[row[0] for row in BY_HAND], exact=True)["snr_dark"].values
+    # Its integral from 400 to 700 nm by trapezoids of 10 nm, which differs by 0.3 % from that by 1 nm.
+    photons = 1.0852e16
+    per_cd_m2 = photons * np.pi * 0.9 / (4 * 1.8**2) * (2.8e-6) ** 2 * 0.6 * 11e-3
+    for value, (luminance, k, read_e, share, dark_e_s) in zip(snr, BY_HAND, strict=True):
+        light_e, dark_e = luminance * per_cd_m2 * share, dark_e_s * 11e-3
+        fixed = (0.01 * light_e) ** 2 + 0.3**2 + (dark_e / 4) ** 2
+        by_hand = light_e / np.sqrt(light_e + dark_e + read_e**2 + 1 / 12 / k**2 + fixed)
+        assert value == pytest.approx(by_hand, rel=4e-3)
+
+
+def test_requirements_change_what_captures_state_too():
+    document = Chain.load("split-pixel").document
+    changes = _changed(document, ("sensor.read_noise_e", "sensor.dark_current_e_s"), 0.0)
+    assert [part.get("read_noise_e") for part in changes["sensor.captures"]] == [None, 0.0, 0.0]
+    assert [part["dark_current_e_s"] for part in changes["sensor.photodiodes"]] == [0.0]
+    Chain.load("split-pixel").with_(**changes, sensor__dsnu_e_s=0.0)
+
+
+def test_presets_with_captures_are_compared_with_their_dips():
+    chains = [Chain.load(name).with_(scene__contrast=0.2) for name in ("split-pixel", "dual-gain", "lofic")]
+    compared = labcdp.compare(*chains, contrast=0.2)
+    rows = compared.to_dict()["tables"]["dips"]["rows"]
+    dips = [row for row in rows if row["variable"] == "spatial SNR, dark region"]
+    assert [row["name"] for row in dips] == ["split-pixel"]
+    # Shot noise of 1 % of the light: 10 dB; PRNU, which is in proportion to the light, has the rest before.
+    assert 10 < dips[0]["depth_db"] < 20
+    assert dips[0]["expected"] == pytest.approx(known_transitions(chains[0])[1])

@@ -178,7 +178,7 @@ def test_image_scene_is_sampled_finer_than_the_pixels(tmp_path):
     assert row.true_cd_m2 == pytest.approx(values[:40, :20].mean(), rel=1e-6)
 
 
-@pytest.mark.parametrize("preset", ["split-pixel", "small-pixel-hdr"])
+@pytest.mark.parametrize("preset", ["split-pixel", "dual-gain", "lofic", "small-pixel-hdr"])
 def test_a_veil_in_cd_m2_lowers_the_contrast_of_a_camera_behind_a_windscreen(preset):
     """It is added whatever the luminance of the scene is."""
     chain = Chain.load(preset).with_(scene__width=32, scene__height=24, scene__square_px=4)
@@ -205,6 +205,6 @@ def test_a_camera_that_subtracts_a_veil_is_no_linear_one():
 
 
 def test_a_sensor_changes_exposure_at_a_lower_luminance_behind_a_veil():
-    chain = Chain.load("split-pixel").with_(scene__width=32, scene__height=24, scene__square_px=4)
+    chain = Chain.load("dual-gain").with_(scene__width=32, scene__height=24, scene__square_px=4)
     (without,), (behind,) = (known_transitions(chain.with_(windscreen__glare_cd_m2=veil), None) for veil in (0.0, 7.0))
     assert behind == pytest.approx(without - 7.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import ceil
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,12 @@ from .value_bins import ValueBins
 
 FloatArray = NDArray[np.float64]
 
-#: Bins in a standard deviation where values of captures are blended.
-_BINS = 40
+#: Low and high end of a range of values in which captures are blended, and the capture whose noise they have.
+Zone: TypeAlias = tuple[float, float, int]
+
+#: Bins in a standard deviation where values of captures are blended, and single values in it that make them needless:
+#: what lies between these counts as the nearest, which adds 1 / (12 * 20^2) = 2e-4 of the variance.
+_BINS, _CLOSE = 40, 20
 #: Standard deviations of the less sensitive capture around an overlap in which blended values lie.
 _REACH = 10.0
 #: Half the width of the bin of a single value, and distance up to which two are one, relative to the value.
@@ -42,7 +47,7 @@ def capture_values(camera: CameraModel, number: int) -> FloatArray:
 
 
 def capture_bins(camera: CameraModel, blended: FloatArray) -> ValueBins:
-    """Bins of the merged value: one for each single value, and even ones where captures are blended.
+    """Bins of the merged value: one for each single value, and even ones where these are too far apart.
 
     Parameters
     ----------
@@ -52,18 +57,35 @@ def capture_bins(camera: CameraModel, blended: FloatArray) -> ValueBins:
         Values of blended captures that are so few that each occurs in many pixels, in any order.
     """
     assert camera.hdr is not None
-    method, ladder = camera.hdr.method, camera.ladder
-    if method in ("linear", "weighted"):
-        low = -_REACH * float(_spread(camera, len(ladder) - 1, np.zeros(1))[0])
-        return _with_gaps_filled(camera, _distinct(blended), [(low, ladder.merged_saturation_dn * 1.01, 0)])
-    values = [capture_values(camera, number) for number in range(len(ladder))]
-    zones = []
-    for number in range(len(ladder) - 1 if method == "most-sensitive" else 0):
+    if camera.hdr.method in ("linear", "weighted"):
+        return _with_gaps_filled(camera, _distinct(blended), _ranges(camera))
+    values = [capture_values(camera, number) for number in range(len(camera.ladder))]
+    zones = _overlaps(camera) if camera.hdr.method == "most-sensitive" else []
+    return _with_gaps_filled(camera, _distinct(np.concatenate([*values, blended])), zones)
+
+
+def _ranges(camera: CameraModel) -> list[Zone]:
+    """Return the range of values in which each capture is the most sensitive that counts."""
+    ladder, start, zones = camera.ladder, -_REACH * float(_spread(camera, len(camera.ladder) - 1, 0.0)), []
+    for number, (end, ratio) in enumerate(zip(ladder.saturations_dn, ladder.ratios, strict=True)):
+        is_last = number == len(ladder) - 1
+        stop = end * ratio * 1.01 if is_last else end * ratio + _REACH / 2 * float(_spread(camera, number, end * ratio))
+        zones.append((start, stop, number))
+        start = stop
+    return zones
+
+
+def _overlaps(camera: CameraModel) -> list[Zone]:
+    """Return where values of two captures are blended: near those of the one, and as far as the other's noise goes."""
+    assert camera.hdr is not None
+    ladder, zones = camera.ladder, []
+    for number in range(len(ladder) - 1):
         end = ladder.saturations_dn[number] * ladder.ratios[number]
         begin = end * (1 - camera.hdr.overlap)
-        low, high = _REACH * _spread(camera, number + 1, np.array([begin, end]))
-        zones.append((begin - low, end + high, number))
-    return _with_gaps_filled(camera, _distinct(np.concatenate([*values, blended])), zones)
+        for noise_of in (number, number + 1):
+            low, high = (_REACH * float(_spread(camera, noise_of, dn)) for dn in (begin, end))
+            zones.append((begin - low, end + high, noise_of))
+    return zones
 
 
 def _distinct(values: FloatArray) -> FloatArray:
@@ -75,18 +97,27 @@ def _distinct(values: FloatArray) -> FloatArray:
     return np.asarray(ordered[np.concatenate([[True], is_new])])
 
 
-def _with_gaps_filled(camera: CameraModel, alone: FloatArray, zones: list[tuple[float, float, int]]) -> ValueBins:
-    """Return bins for single values, which are narrow in zones where other bins fill the gaps between them."""
-    inside = np.zeros(alone.size, dtype=np.bool_)
-    for low, high, _ in zones:
-        inside |= (alone >= low) & (alone <= high)
+def _with_gaps_filled(camera: CameraModel, alone: FloatArray, zones: list[Zone]) -> ValueBins:
+    """Return bins for single values, and for what lies in zones between those that are far apart there."""
+    padded = np.concatenate([[-np.inf], alone, [np.inf]])
+    limit = np.zeros(alone.size + 1)
+    filled = [np.empty(0)]
+    for low, high, number in zones:
+        if alone.size:
+            # Gaps that reach into the zone, by the noise at their upper end.
+            inside = (padded[1:] > low) & (padded[:-1] < high)
+            spread = _spread(camera, number, np.clip(padded[1:], low, high))
+            limit = np.where(inside, np.where(limit > 0, np.minimum(limit, spread), spread), limit)
+        filled.append(_filled(camera, number, low, high))
+    is_wide = (limit > 0) & (np.diff(padded) > limit / _CLOSE) if alone.size else np.ones(1, dtype=np.bool_)
+    inner = np.concatenate(filled)
+    inner = inner[is_wide[np.searchsorted(padded, inner) - 1]]
+    inner = inner[_distance(inner, alone) > _SAME * np.maximum(np.abs(inner), 1)]
     width = _WIDTH * np.maximum(np.abs(alone), 1.0)
-    middles = ((alone[1:] + alone[:-1]) / 2)[~(inside[1:] & inside[:-1])]
-    narrow = np.concatenate([alone[inside] - width[inside], alone[inside] + width[inside]])
-    filled = np.concatenate([np.empty(0), *(_filled(camera, number, low, high) for low, high, number in zones)])
-    edges = np.concatenate([middles, narrow, filled[_distance(filled, alone) > _SAME * np.maximum(np.abs(filled), 1)]])
-    every = np.concatenate([edges, alone])
-    edges = np.unique(np.concatenate([[every.min() - 1], edges, [every.max() + 1]]))
+    narrow = np.concatenate([(alone - width)[is_wide[:-1]], (alone + width)[is_wide[1:]]])
+    middles = ((alone[1:] + alone[:-1]) / 2)[~is_wide[1:-1]]
+    every = np.concatenate([middles, narrow, inner, alone])
+    edges = np.unique(np.concatenate([[every.min() - 1], middles, narrow, inner, [every.max() + 1]]))
     values, exact = (edges[1:] + edges[:-1]) / 2, np.zeros(edges.size - 1, dtype=np.bool_)
     index = np.searchsorted(edges, alone, side="right") - 1
     values[index], exact[index] = alone, True
@@ -101,21 +132,16 @@ def _distance(values: FloatArray, others: FloatArray) -> FloatArray:
 
 
 def _filled(camera: CameraModel, number: int, low: float, high: float) -> FloatArray:
-    """Edges between two values, even in standard deviations of the merged value from a capture on."""
-    ladder = camera.ladder
+    """Edges between two values, even in standard deviations of the scaled value of a capture."""
     # Dense near 0, where the deviation changes most.
-    dn = np.unique(np.concatenate([np.linspace(low, high, 501), np.linspace(0, 1, 4001) ** 2 * max(high, 0.0)]))
+    dn = np.unique(np.concatenate([np.linspace(low, high, 501), np.linspace(0, 1, 2001) ** 2 * max(high, 0.0)]))
     dn = dn[(dn >= low) & (dn <= high)]
-    spreads = [_spread(camera, i, dn) for i in range(len(ladder))]
-    ends = [end * ratio for end, ratio in zip(ladder.saturations_dn, ladder.ratios, strict=True)]
-    spread = spreads[-1]
-    for i in reversed(range(number, len(ladder) - 1)):
-        spread = np.where(dn < ends[i] + 5 * spreads[i + 1], spreads[i], spread)
+    spread = _spread(camera, number, dn)
     position = np.concatenate([[0], np.cumsum(np.diff(dn) * 2 / (spread[1:] + spread[:-1]))])
     return np.asarray(np.interp(np.linspace(0, position[-1], ceil(position[-1] * _BINS) + 1), position, dn))
 
 
-def _spread(camera: CameraModel, number: int, dn: FloatArray) -> FloatArray:
+def _spread(camera: CameraModel, number: int, dn: FloatArray | float) -> FloatArray:
     """Return the standard deviation of the scaled value of one capture over its mean."""
     capture, ratio = camera.captures[number], camera.ladder.ratios[number]
     noise_dn = capture.k_dn_per_e * CameraModel(capture.sensor, capture.settings).all_noise_e

@@ -24,9 +24,9 @@ from ..sensor import CaptureModel
 from .camera import CameraModel
 from .capture_bins import capture_bins, capture_values
 from .nodes import KnownRates
-from .quantiles import normal_points, poisson_quantile, uniform_points
+from .quantiles import gamma_quantile, normal_points, poisson_quantile
 from .value_bins import ValueBins
-from .value_table import ValueTable, code_bins, indicator, value_table
+from .value_table import ValueTable, code_bins, value_table
 
 FloatArray = NDArray[np.float64]
 
@@ -85,7 +85,12 @@ class _Merge:
         rates = rates_e_s * capture.light_share
         rows, _ = value_table(CameraModel(capture.sensor, capture.settings), np.unique(rates)).rows_at(rates)
         saturated = rows @ (values >= self.camera.saturation_dn).astype(np.float64)
-        return rows @ indicator(self._columns(values), self.bins.values.size), np.asarray(saturated)
+        # Several values can have one code.
+        moved = csr_array(
+            (rows.data, self._columns(values)[rows.indices], rows.indptr), (rates.size, self.bins.values.size)
+        )
+        moved.sum_duplicates()
+        return moved, np.asarray(saturated)
 
     def rows_of_several(self, begin: int, end: int, rates_e_s: FloatArray) -> tuple[csr_array, FloatArray]:
         """Probabilities of all values and saturated share where captures from `begin` to before `end` count."""
@@ -94,15 +99,28 @@ class _Merge:
 
         def row(rate: float) -> tuple[NDArray[np.intp], FloatArray, float]:
             values = _merged(self.camera, draws.dn(rate), begin)
-            count = np.bincount(self._columns(values))
-            column = np.flatnonzero(count)
-            return column, count[column] / values.size, float((values >= self.camera.saturation_dn).mean())
+            column, count = self._counts(values)
+            return column, count / values.size, float((values >= self.camera.saturation_dn).mean())
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             columns, shares, saturated = zip(*pool.map(row, rates_e_s.tolist()), strict=True)
         starts = np.cumsum([0, *(column.size for column in columns)])
         shape = (rates_e_s.size, self.bins.values.size)
         return csr_array((np.concatenate(shares), np.concatenate(columns), starts), shape=shape), np.array(saturated)
+
+    def _counts(self, values: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Bins that occur, and how many of the values are in each."""
+        if self.camera.tone_curve is not None:
+            count = np.bincount(self._columns(values))
+            column = np.flatnonzero(count)
+            return column, count[column]
+        # Few edges are quicker to find among the sorted values than the values among all edges.
+        ordered = np.sort(values)
+        first, last = self._columns(ordered[[0, -1]])
+        inner = np.searchsorted(ordered, self.bins.edges[first + 1 : last + 1])
+        count = np.diff(inner, prepend=0, append=ordered.size)
+        occurs = np.flatnonzero(count)
+        return first + occurs, count[occurs]
 
     def _columns(self, values: NDArray[Any]) -> NDArray[np.intp]:
         """Bins of merged values."""
@@ -211,18 +229,13 @@ class _Draws:
         dimension = self.quantiles.get((kind, key))
         return 0.0 if dimension is None else normal_points(len(self.quantiles))[dimension]
 
-    @cached_property
-    def _dark(self) -> dict[int, FloatArray | float]:
-        """Dark currents over their mean, for each photodiode."""
-        from scipy.special import gammaincinv
-
-        factors: dict[int, FloatArray | float] = {capture.photodiode: 1.0 for capture in self.captures}
-        for capture in self.captures:
-            dimension = self.quantiles.get(("dark", capture.photodiode))
-            if dimension is not None:
-                order = (capture.sensor.dark_current_e_s / capture.sensor.dsnu_e_s) ** 2
-                factors[capture.photodiode] = gammaincinv(order, uniform_points(len(self.quantiles))[dimension]) / order
-        return factors
+    def _dark(self, capture: CaptureModel) -> FloatArray | float:
+        """Return the dark currents of a photodiode over their mean."""
+        dimension = self.quantiles.get(("dark", capture.photodiode))
+        if dimension is None:
+            return 1.0
+        order = (capture.sensor.dark_current_e_s / capture.sensor.dsnu_e_s) ** 2
+        return gamma_quantile(order, len(self.quantiles), dimension)
 
     def dn(self, rate_e_s: float) -> list[FloatArray]:
         """DN of each capture at a rate of the sensor's own photodiode."""
@@ -233,7 +246,7 @@ class _Draws:
             if capture.charge not in charges:
                 gain = np.maximum(1 + sensor.prnu_rel * self._normal("gain", capture.photodiode), 0.0)
                 light_e = rate_e_s * capture.light_share * capture.exposure_s
-                mean_e = light_e * gain + capture.dark_e * self._dark[capture.photodiode]
+                mean_e = light_e * gain + capture.dark_e * self._dark(capture)
                 dimension = self.quantiles["charge", capture.charge]
                 charges[capture.charge] = poisson_quantile(mean_e, len(self.quantiles), dimension)
             signal_e = np.minimum(charges[capture.charge], float(np.float32(sensor.full_well_e)))

@@ -12,10 +12,10 @@ FloatArray = NDArray[np.float64]
 
 #: Logarithm to base 2 of the points. A CDP is then within 2e-4 of the exact one as a rule.
 POWER = 15
-#: Mean from which the quantile is taken from its expansion, which then errs in fewer than 1 of 10^4 points, by 1.
-_LARGE = 400.0
-#: Groups of equal means, of points whose means vary.
-_GROUPS = 64
+#: Mean from which the quantile is taken from its expansion, which then errs in 1 of 10^4 points, by 1.
+_LARGE = 40.0
+#: Groups of equal means, of points whose means vary, and nodes that a quantile function is interpolated between.
+_GROUPS, _NODES = 32, 2049
 
 
 @lru_cache(maxsize=16)
@@ -45,6 +45,27 @@ def normal_points(dimensions: int) -> FloatArray:
     normal: FloatArray = ndtri(uniform_points(dimensions))
     normal.setflags(write=False)
     return normal
+
+
+@lru_cache(maxsize=16)
+def gamma_quantile(order: float, dimensions: int, dimension: int) -> FloatArray:
+    """Values of a gamma distribution of mean 1 and standard deviation order^(-1/2) at the points of one dimension.
+
+    Parameters
+    ----------
+    order : float
+        Shape parameter, above 0.
+    dimensions, dimension : int
+        Number of random quantities, and that of this one.
+    """
+    from scipy.special import gammaincinv, ndtr
+
+    normal = normal_points(dimensions)[dimension]
+    nodes = np.linspace(normal.min(), normal.max(), _NODES)
+    logs = np.log(np.maximum(gammaincinv(order, ndtr(nodes)) / order, 1e-300))
+    values: FloatArray = np.exp(np.interp(normal, nodes, logs))
+    values.setflags(write=False)
+    return values
 
 
 def poisson_quantile(mean: FloatArray | float, dimensions: int, dimension: int) -> FloatArray:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...chain import Chain
+from ...chain.predict.chain import known_transitions
 from ...core.disk import shortened
 from ...core.errors import InputError, PredictionError
 from ...metrics.contrast import TargetContrasts
@@ -201,7 +202,8 @@ def _refined(sweep: Sweep, dataset: Dataset) -> MapAnalysis:
     """Analyse a prediction, over the luminance alone with more points around each end of its usable ranges."""
     from xarray import concat
 
-    analysis, (axis, *others) = analyse_map(dataset), sweep.axes
+    (axis, *others), expected = sweep.axes, known_transitions(sweep.chain)
+    analysis = analyse_map(dataset, expected=expected)
     for _ in range(0 if others or axis.parameter != LUMINANCES.parameter else _REFINEMENTS):
         intervals = [interval for usable in analysis.usable_ranges for interval in usable.intervals]
         brackets = {end.bracket for interval in intervals for end in interval.ends}
@@ -214,7 +216,7 @@ def _refined(sweep: Sweep, dataset: Dataset) -> MapAnalysis:
             values = tuple(np.concatenate(inner).tolist())
             more = run_sweep(replace(sweep, axes=(replace(axis, values=values),)))
             dataset = concat([dataset, more], axis.parameter, data_vars="minimal").sortby(axis.parameter)
-            analysis = analyse_map(dataset)
+            analysis = analyse_map(dataset, expected=expected)
     return analysis
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot
 from typing import Any
@@ -133,7 +133,7 @@ def _errors(
             if parameter in requirement.uncertainty_rel:
                 raise InputError(f"uncertainty_rel names {parameter}, no number of the chain: correct the name")
             continue
-        ends = [_known(cdp, {parameter: _scaled(value, 1 + sign * u_rel)}) for sign in (1, -1)]
+        ends = [_known(cdp, _changed(document, (parameter,), 1 + sign * u_rel)) for sign in (1, -1)]
         there = [end for end in ends if end is not None]
         # Where one end is no value that the parameter can have, the other one counts from the value itself.
         errors[parameter] = (
@@ -157,6 +157,19 @@ def _known(cdp: Callable[[Mapping[str, Any]], float], changes: Mapping[str, Any]
         return None
 
 
+def _changed(document: Mapping[str, Any], parameters: Sequence[str], factor: float) -> dict[str, Any]:
+    """Return parameters times a factor, those of a sensor with what its photodiodes and captures state of them."""
+    changes = {parameter: _scaled(_stated(document, parameter), factor) for parameter in parameters}
+    keys = {key for table, _, key in (parameter.partition(".") for parameter in parameters) if table == "sensor"}
+    for name in ("photodiodes", "captures") if keys else ():
+        parts = document["sensor"].get(name, [])
+        if any(key in part for part in parts for key in keys):
+            changes[f"sensor.{name}"] = [
+                {key: _scaled(value, factor) if key in keys else value for key, value in part.items()} for part in parts
+            ]
+    return changes
+
+
 def _scaled(value: Any, factor: float) -> Any:
     """Return a value times a factor; of a table, the second of each pair."""
     return [[key, part * factor] for key, part in value] if isinstance(value, list) else float(value * factor)
@@ -168,7 +181,7 @@ def _limit(document: Mapping[str, Any], cdp: float, without: Callable[[Mapping[s
     for name, parameters in _LIMITS.items():
         stated = [parameter for parameter in parameters if _stated(document, parameter) is not None]
         if stated:
-            gains[name] = without(dict.fromkeys(stated, 0.0)) - cdp
+            gains[name] = without(_changed(document, stated, 0.0)) - cdp
     best = max(gains, key=lambda name: gains[name], default="")
     return best if best and gains[best] > _LEAST_GAIN else "photon noise"
 

@@ -19,7 +19,7 @@ from ..sweep.maps.axes import TO_DETECT, MapAxis
 from ..sweep.maps.labels import at_text, axis_name, axis_unit, ends_text, plain
 from ..sweep.maps.map import MapAnalysis
 from ..sweep.maps.ranges import End
-from ..sweep.maps.result import ranges_table
+from ..sweep.maps.result import dips_table, ranges_table
 from .compare import Compared, ComparisonEvaluation
 from .grid import Grid
 from .requirement import requirement_table
@@ -48,7 +48,7 @@ def compare_result(comparison: ComparisonEvaluation) -> Result:
     verdicts = [] if required is None else [requirement_table(comparison.judged, required)]
     tables = [
         *verdicts,
-        *_ranges(comparison),
+        *_of_maps(comparison),
         *_differences(comparison),
         *_cells(comparison.grid, names),
         *_settings(comparison),
@@ -265,18 +265,21 @@ def _differences(comparison: ComparisonEvaluation) -> Iterator[Table]:
     yield Table.of_items("differences", f"Values and their difference from {first}", columns, comparison.rows)
 
 
-def _ranges(comparison: ComparisonEvaluation) -> Iterator[Table]:
-    """Yield the usable ranges of all maps in one table."""
-    if comparison.grid is not None and any(analysis.usable_ranges for analysis in comparison.analyses):
-        axes = {axis.name: axis for axis in comparison.grid.axes}
-        tables = [ranges_table(analysis, axes) for analysis in comparison.analyses]
+def _of_maps(comparison: ComparisonEvaluation) -> Iterator[Table]:
+    """Yield the usable ranges of all maps in one table, and their dips in another."""
+    if comparison.grid is None:
+        return
+    axes = {axis.name: axis for axis in comparison.grid.axes}
+    for make, of in ((ranges_table, "usable_ranges"), (dips_table, "dips")):
+        if not any(getattr(analysis, of) for analysis in comparison.analyses):
+            continue
+        tables = [make(analysis, axes) for analysis in comparison.analyses]
         rows = [
             {"name": subject.name, **row}
             for subject, table in zip(comparison.subjects, tables, strict=True)
             for row in table.rows()
         ]
-        columns = (Column("name", "of"), *tables[0].columns)
-        yield Table.of_items("usable_ranges", tables[0].title, columns, rows)
+        yield Table.of_items(tables[0].name, tables[0].title, (Column("name", "of"), *tables[0].columns), rows)
 
 
 def _cells(grid: Grid | None, names: list[str]) -> Iterator[Table]:

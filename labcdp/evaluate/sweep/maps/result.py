@@ -57,7 +57,7 @@ def result(
     cdp_map = CdpMap.of(dataset)
     small = dataset["cdp"].size <= _MOST_CELLS
     tables = [
-        *([ranges_table(analysis, cdp_map.axes), _dips(cdp_map, analysis)] if analysis.usable_ranges else []),
+        *([ranges_table(analysis, cdp_map.axes), dips_table(analysis, cdp_map.axes)] if analysis.usable_ranges else []),
         *([_cells(cdp_map), *_matrices(cdp_map)] if small else []),
         *([_isolines(cdp_map, analysis)] if analysis.isolines else []),
     ]
@@ -132,10 +132,11 @@ def _end_text(interval: UsableInterval | None, number: int) -> str:
     return "end of the map" if end.is_open else "CDP crosses" if end.resolved else "last grid point"
 
 
-def _dips(cdp_map: CdpMap, analysis: MapAnalysis) -> Table:
-    unit = axis_unit(cdp_map.axes[analysis.x])
+def dips_table(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
+    """Return the dips of a map along its luminance."""
+    unit = axis_unit(axes[analysis.x])
     columns = (
-        *_section_columns(cdp_map.axes, analysis.x, lambda dip: dip.at),
+        *_section_columns(axes, analysis.x, lambda dip: dip.at),
         Column("variable", "dip of", meaning="Quantity that falls although the luminance rises, then rises again.",
                value=lambda dip: VARIABLES[dip.variable].label),
         Column("start", "from", unit, "Where it is highest before the fall."),
@@ -150,7 +151,7 @@ def _dips(cdp_map: CdpMap, analysis: MapAnalysis) -> Table:
     )  # fmt: skip
     # Of many sections only the deepest ones matter at a glance, which the page shows.
     several = len(analysis.usable_ranges) > 1
-    name = f"Dips along the {axis_name(cdp_map.axes[analysis.x])}"
+    name = f"Dips along the {axis_name(axes[analysis.x])}"
     return Table.of_items("dips", name, columns, analysis.dips, detail=several)
 
 

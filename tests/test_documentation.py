@@ -27,6 +27,7 @@ from labcdp.session import example_session
 from .evaluate.bench.synthetic import again
 from .evaluate.bench.test_tone_curve import bench_of
 from .files.conftest import write_dng
+from .series_camera import SeriesCamera, write_bench
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
@@ -194,6 +195,12 @@ def reader(tmp_path_factory):
     cv2.imwrite(str(folder / "board.png"), board.astype(np.uint8))
     white, grey = RectangleShape("white", 160, 120, 60, 60), RectangleShape("grey", 260, 120, 60, 60)
     save_regions(folder / "rois.json", [white, grey], image_size=(480, 400))
+    series_camera = SeriesCamera(exposures_s=(0.032,))
+    write_bench(folder / "front", series_camera, encoding=None)
+    rows, columns = series_camera.shape
+    (_, dark), (_, bright) = list(series_camera.regions().items())[6:8]
+    shapes = [RectangleShape("bright", *bright), RectangleShape("dark", *dark)]
+    save_regions(folder / "front-rois.json", shapes, image_size=(columns, rows))
     return folder
 
 

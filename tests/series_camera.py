@@ -70,7 +70,7 @@ class SeriesCamera:
 
 
 def write_bench(folder, camera=SeriesCamera(), encoding='"curve.toml"', pixel_format="Mono12", frames=3, seed=1,
-                store=lambda frame: frame, capture=SeriesCamera.codes):  # fmt: skip
+                store=lambda frame: frame, capture=SeriesCamera.codes, colour_filter=None):  # fmt: skip
     """Write pictures, readings, curve and configuration; return arguments of import for the pictures."""
     rng = np.random.default_rng(seed)
     lines = []
@@ -100,6 +100,7 @@ model = "Front"
 serial = "1"
 pixel_pitch_m = 3e-6
 {f"encoding = {encoding}" if encoding else ""}
+{f'colour_filter = "{colour_filter}"' if colour_filter else ""}
 [lens]
 model = "telecentric"
 focal_length_m = 10.0

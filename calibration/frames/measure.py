@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...core.clock import exposure_text
 from ...core.dn import look_up
 from ...core.errors import CalibrationError
-from ...core.frame import PLANES, BlackPattern, Frame
+from ...core.frame import COLOUR_FILTERS, PLANES, BlackPattern, Frame, plane_positions
 from ...core.roi import Roi
 from .defects import DefectMap
 from .observations import CameraState, Observation
@@ -33,13 +33,6 @@ _NO_DEFECTS: Mapping[str | None, DefectMap | None] = {}
 #: Change of the device temperature over the frames of one exposure that is reported: with a dark current that doubles
 #: every 6 to 10 degC it changes the dark current by about a tenth.
 TEMPERATURE_DRIFT_C = 1.0
-#: Row and column of each plane's pixel in the upper left 2 x 2 pixels, by the name of the pattern.
-_POSITIONS: dict[str, dict[str, tuple[int, int]]] = {
-    "RG": {"R": (0, 0), "Gr": (0, 1), "Gb": (1, 0), "B": (1, 1)},
-    "GR": {"Gr": (0, 0), "R": (0, 1), "B": (1, 0), "Gb": (1, 1)},
-    "GB": {"Gb": (0, 0), "B": (0, 1), "R": (1, 0), "Gr": (1, 1)},
-    "BG": {"B": (0, 0), "Gb": (0, 1), "Gr": (1, 0), "R": (1, 1)},
-}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -355,7 +348,7 @@ def _mean_temperature(temperatures: Sequence[float | None], exposure_s: float) -
 
 
 def split(frame: Frame) -> dict[str, Frame]:
-    """Split a Bayer frame into its four planes.
+    """Split a Bayer frame, or one with clear pixels in the place of green ones, into its four planes.
 
     Parameters
     ----------
@@ -382,9 +375,9 @@ def split(frame: Frame) -> dict[str, Frame]:
         )
     if height % 2 or width % 2:
         _log.info("frame %d has %d x %d pixels: the odd row or column is left out", frame.frame_id, width, height)
-    black = {plane: _black_of_plane(frame, *_POSITIONS[frame.colour_filter][plane]) for plane in PLANES}
+    positions = plane_positions(frame.colour_filter)
+    black = {plane: _black_of_plane(frame, *positions[plane]) for plane in PLANES}
     even = frame.dn[: height // 2 * 2, : width // 2 * 2]
-    positions = _POSITIONS[frame.colour_filter]
     return {
         plane: replace(
             frame,
@@ -422,7 +415,8 @@ def _own(pixels: NDArray[Any]) -> NDArray[Any]:
 
 def plane_offset_px(state: CameraState) -> tuple[float, float]:
     """Middle (x, y) of a plane's pixels in their groups of 2 x 2, in pixels of the plane; 0 for a monochrome sensor."""
-    positions = _POSITIONS.get(state.pixel_format.removeprefix("Bayer")[:2], {})
+    pattern = state.pixel_format.removeprefix("Bayer")[:2]
+    positions = plane_positions(pattern) if pattern in COLOUR_FILTERS else {}
     row, column = positions.get(state.plane or "", (0.5, 0.5))
     return column / 2 - 0.25, row / 2 - 0.25
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal, TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -16,6 +16,7 @@ from xarray import Dataset
 from ..calibration import AnyCalibration, Calibration, ColourCalibration
 from ..core.disk.files import shown
 from ..core.errors import InputError
+from ..core.frame import ColourFilter
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, html_table, unique
 from ..core.roi import Rectangle, Roi
@@ -50,7 +51,7 @@ class StatedOfVideo(TypedDict, total=False):
     temperature_c: float | None
     bit_depth: int | None
     black_level_dn: float | None
-    bayer: Literal["RGGB", "GRBG", "GBRG", "BGGR"] | None
+    bayer: ColourFilter | None
     focal_length_m: float | None
     pixel_pitch_m: float | None
     no_vignetting: bool | None

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,16 +25,27 @@ _DN_TYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.uint32))
 #: Most bits of DN: those that float32, in which images are displayed and stored, holds exactly.
 MOST_BITS = 24
 
-#: Colour filter patterns of the GenICam Bayer pixel formats, named by the first two pixels.
-COLOUR_FILTERS = ("RG", "GB", "GR", "BG")
-#: Place of the red pixel in the first 2 x 2, row by row.
-_RED_AT = {"RG": 0, "GR": 1, "GB": 2, "BG": 3}
+#: Place of the red pixel in the first 2 x 2, row by row, by the pattern of the colour filter: those of the GenICam
+#: Bayer pixel formats by their first two pixels, and those with clear pixels by all four.
+_RED_AT = {"RG": 0, "GR": 1, "GB": 2, "BG": 3, "RCCB": 0, "CRBC": 1, "CBRC": 2, "BCCR": 3,
+           "RCCC": 0, "CRCC": 1, "CCRC": 2, "CCCR": 3}  # fmt: skip
+#: Patterns of colour filters.
+COLOUR_FILTERS = tuple(_RED_AT)
+#: How users write patterns, by all four pixels of the first 2 x 2.
+ColourFilter: TypeAlias = Literal[
+    "RGGB", "GRBG", "GBRG", "BGGR", "RCCB", "CRBC", "CBRC", "BCCR", "RCCC", "CRCC", "CCRC", "CCCR"
+]
+#: Patterns as users write them, by all four pixels of the first 2 x 2.
+FILTER_NAMES = {"RGGB": "RG", "GRBG": "GR", "GBRG": "GB", "BGGR": "BG"} | {
+    name: name for name in COLOUR_FILTERS if "C" in name
+}
 _NOT_RECORDED = ("dn", "camera", "clipped", "companding")
 #: Most bits of DN for each of which tables have a value.
 _INDEXED_BITS = 16
 #: Depth of the DN in which the register of a Manta counts.
 _REGISTER_BITS = 12
-#: Colour planes of a Bayer frame: green pixels by the colour they share a row with.
+#: Colour planes of a Bayer frame: green pixels by the colour they share a row with. Clear pixels of other filters take
+#: the place of green ones, and of RCCC that of blue ones too.
 PLANES = ("R", "Gr", "Gb", "B")
 
 
@@ -266,7 +277,8 @@ class Frame:
     pixel_format : str
         GenICam PFNC name the data came in, for example ``Mono12Packed``.
     colour_filter : str or None
-        ``RG``, ``GB``, ``GR`` or ``BG`` for a Bayer sensor, None for monochrome.
+        ``RG``, ``GB``, ``GR`` or ``BG`` for a Bayer sensor, all four pixels for one with clear ones, such as ``RCCB``
+        or ``RCCC``; None for monochrome.
     temperature_c : float or None
         Device temperature in degrees Celsius, if known.
     timestamp : datetime
@@ -541,13 +553,40 @@ def _with_pattern(metadata: dict[str, Any]) -> dict[str, Any]:
     return kept if pattern is None else kept | {"black_pattern": asdict(pattern)}
 
 
-def plane_group(colour_filter: str, levels: Sequence[float]) -> NDArray[np.float64]:
-    """Return values of the planes R, Gr, Gb and B by their places in the first 2 x 2 pixels."""
+def filter_name(colour_filter: str) -> str:
+    """Return how users write a pattern: all four pixels of the first 2 x 2.
+
+    Examples
+    --------
+    >>> filter_name("GR"), filter_name("RCCC")
+    ('GRBG', 'RCCC')
+    """
+    return next(name for name, pattern in FILTER_NAMES.items() if pattern == colour_filter)
+
+
+def luminance_pixels(colour_filter: str) -> tuple[tuple[int, int], ...]:
+    """Return row and column of the pixels of each 2 x 2 that stand for luminance: the green, or the clear ones.
+
+    Examples
+    --------
+    >>> luminance_pixels("RG"), luminance_pixels("RCCC")
+    (((0, 1), (1, 0)), ((0, 1), (1, 0), (1, 1)))
+    """
+    return tuple(divmod(at, 2) for at, colour in enumerate(filter_name(colour_filter)) if colour in "GC")
+
+
+def plane_positions(colour_filter: str) -> dict[str, tuple[int, int]]:
+    """Return row and column of each plane's pixel in the first 2 x 2, by the names of `PLANES`."""
     row, column = divmod(_RED_AT[colour_filter], 2)
-    group = np.empty((2, 2))
     # Gr shares the row of R, Gb its column.
     places = ((row, column), (row, 1 - column), (1 - row, column), (1 - row, 1 - column))
-    for position, level in zip(places, levels, strict=True):
+    return dict(zip(PLANES, places, strict=True))
+
+
+def plane_group(colour_filter: str, levels: Sequence[float]) -> NDArray[np.float64]:
+    """Return values of the planes R, Gr, Gb and B by their places in the first 2 x 2 pixels."""
+    group = np.empty((2, 2))
+    for position, level in zip(plane_positions(colour_filter).values(), levels, strict=True):
         group[position] = level
     return group
 

@@ -14,7 +14,7 @@ from ..core.companding import Companding
 from ..core.disk.files import shown
 from ..core.dn import PIXEL_FORMATS, pixel_format
 from ..core.errors import InputError
-from ..core.frame import CameraIdentity, Frame
+from ..core.frame import FILTER_NAMES, CameraIdentity, Frame, filter_name
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding, warning
 from ..core.vignetting import VIGNETTING_REL, Lens
@@ -150,8 +150,8 @@ class PictureOptions:
     assumed_encoding : str or None
         How grey values are taken to be encoded where neither is said; None for what their histogram looks like.
     bayer : str or None
-        Colour filter of grey files, by the first 2 x 2 pixels: ``RGGB``, ``GRBG``, ``GBRG`` or ``BGGR``; None for what
-        the file or `pixel_format` says.
+        Colour filter of grey files, by the first 2 x 2 pixels: ``RGGB``, ``RCCB``, ``RCCC`` and these shifted; None for
+        what the file or `pixel_format` says.
     focal_length_m, pixel_pitch_m : float or None
         Focal length of the lens, and distance of the pixels of the sensor, for the vignetting; None for not known.
     vignetting_rel : float
@@ -213,8 +213,8 @@ class PictureOptions:
             raise InputError(f"the size is {self.size[0]} x {self.size[1]} pixels: give at least 1 x 1")
         if self.black_level_dn is not None and not 0 <= self.black_level_dn < 2**MOST_BITS:
             raise InputError(f"the black level is {self.black_level_dn} DN: give a number from 0 to {2**MOST_BITS - 1}")
-        if self.bayer is not None and self.bayer not in _FILTERS:
-            raise InputError(f"bayer is {shown(self.bayer)}: give {', '.join(_FILTERS)}")
+        if self.bayer is not None and self.bayer not in FILTER_NAMES:
+            raise InputError(f"bayer is {shown(self.bayer)}: give {', '.join(FILTER_NAMES)}")
         lens = ("focal length", self.focal_length_m, 1e-4, 10.0), ("pixel pitch", self.pixel_pitch_m, 1e-7, 1e-3)
         for what, value, least, most in lens:
             if value is not None and not least <= value <= most:
@@ -275,8 +275,6 @@ class PictureOptions:
         return getattr(self, name) if name in self.overrides else None
 
 
-#: Colour filters of frames by how users write them.
-_FILTERS = {"RGGB": "RG", "GRBG": "GR", "GBRG": "GB", "BGGR": "BG"}
 #: Options of what values mean, beside exposure, gain and bits, in results.
 OF_VALUES = ("black_level_dn", "bayer", "focal_length_m", "pixel_pitch_m", "no_vignetting")
 #: Difference that rounding explains: 1/60 s as 16.7 ms; an ISO speed in steps of a third.
@@ -296,10 +294,10 @@ def overridden_frame(frame: Frame, options: PictureOptions) -> Frame:
     if black_dn is not None:
         frame = replace(frame, black_level_dn=black_dn, black_pattern=None)
     if bayer is not None:
-        filter_name = _FILTERS[bayer]
-        named = f"Bayer{filter_name}{frame.bit_depth}"
+        pattern = FILTER_NAMES[bayer]
+        named = f"Bayer{pattern}{frame.bit_depth}"
         pixel_format = named if named in PIXEL_FORMATS else frame.pixel_format
-        frame = replace(frame, colour_filter=filter_name, pixel_format=pixel_format)
+        frame = replace(frame, colour_filter=pattern, pixel_format=pixel_format)
     return frame
 
 
@@ -320,9 +318,8 @@ def _other_levels(frame: Frame, options: PictureOptions) -> tuple[Finding, ...]:
     black_dn, bayer = options.override("black_level_dn"), options.override("bayer")
     if black_dn is not None and frame.clipped is None and frame.black_level_dn not in (None, black_dn):
         findings.append(warning("black-level-replaced", stated_dn=frame.black_level_dn, given_dn=black_dn))
-    if bayer is not None and frame.colour_filter not in (None, _FILTERS[bayer]):
-        stated = next(name for name, of_frame in _FILTERS.items() if of_frame == frame.colour_filter)
-        findings.append(warning("colour-filter-replaced", stated=stated, given=bayer))
+    if bayer is not None and frame.colour_filter not in (None, FILTER_NAMES[bayer]):
+        findings.append(warning("colour-filter-replaced", stated=filter_name(frame.colour_filter or ""), given=bayer))
     return tuple(findings)
 
 

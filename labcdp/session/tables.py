@@ -15,7 +15,7 @@ from ..core.companding import Companding, shipped_curve, shipped_curves
 from ..core.disk import read_toml
 from ..core.disk.files import shown
 from ..core.errors import ConfigurationError, InputError, naming
-from ..core.frame import Frame
+from ..core.frame import FILTER_NAMES, ColourFilter, Frame
 from ..core.percent import plain_contrast, plain_fraction
 from ..core.reading import SERIAL_MODELS, MeterIdentity
 from ..core.spectra import SpectralTable, read_spectral_file
@@ -200,6 +200,10 @@ class CameraConfiguration(ConfigurationTable):
     encoding: Curve = Field(
         None, description="the name of a curve of companded data as text, for example AR0231, or of a TOML file with it"
     )
+    # Which pixel formats do not say: RCCB and the like; of Bayer patterns they do.
+    colour_filter: ColourFilter | None = Field(
+        None, description='the first 2 x 2 pixels as text, for example "RCCB" or "RCCC"'
+    )
     # Where the pixels are full below the end of the converter.
     saturation_dn: Positive | None = Field(None, description="a DN above 0, from which pixels count as saturated")
     exposure_jitter_s: NotNegative = Field(EXPOSURE_JITTER_S, description="a standard uncertainty of at least 0 s")
@@ -219,7 +223,7 @@ class CameraConfiguration(ConfigurationTable):
     )
 
     def stated(self, frame: Frame) -> Frame:
-        """Return a frame with the curve and the saturation that are stated here.
+        """Return a frame with the curve, the colour filter and the saturation that are stated here.
 
         Raises
         ------
@@ -227,6 +231,8 @@ class CameraConfiguration(ConfigurationTable):
             If its DN have other bits than codes of the curve, or the saturation is below black.
         """
         frame = self._with_curve(frame)
+        if self.colour_filter is not None and frame.colour_filter is None and frame.plane is None:
+            frame = replace(frame, colour_filter=FILTER_NAMES[self.colour_filter])
         # That of codes is stated in codes, as they are in the file.
         if self.saturation_dn is None or self.saturation_dn >= frame.saturation_dn:
             return frame

@@ -119,7 +119,8 @@ def _picture(frame: Frame) -> bytes:
         "GR": cv2.COLOR_BayerGRBG2BGR,
         "BG": cv2.COLOR_BayerBGGR2BGR,
     }
-    shown = grey if frame.colour_filter is None else cv2.cvtColor(grey, codes[frame.colour_filter])
+    code = codes.get(frame.colour_filter or "")
+    shown = grey if code is None else cv2.cvtColor(grey, code)
     return bytes(cv2.imencode(".png", shown)[1])
 
 

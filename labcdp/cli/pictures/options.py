@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from ...core.disk import real_path
 from ...core.disk.files import open_regular, shown
 from ...core.errors import InputError
+from ...core.frame import ColourFilter
 from ...core.result import InputFile
 from ...core.roi import Roi
 from ...evaluate.picture.converter import Converter, make_converter
@@ -73,7 +74,7 @@ class LightOptions:
     temperature: Temperature | None = None
     bit_depth: Annotated[int | None, As(least=1, most=24)] = None
     black_level: Annotated[float | None, As(least=0)] = None
-    bayer: Literal["RGGB", "GRBG", "GBRG", "BGGR"] | None = None
+    bayer: ColourFilter | None = None
     focal_length: Length | None = None
     pixel_pitch: Length | None = None
     no_vignetting: bool = False

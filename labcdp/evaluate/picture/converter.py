@@ -387,7 +387,7 @@ def _specification_findings(specification: CameraSpecification | None, picture: 
     if specification is not None and not (picture.coloured or has_curve) and frame.bit_depth != specification.adc_bits:
         findings.append(info("bits-scaled", bits=frame.bit_depth, adc_bits=specification.adc_bits))
     if frame.colour_filter is not None:
-        findings.append(info("green-pixels-only"))
+        findings.append(info("clear-pixels-only" if "C" in frame.colour_filter else "green-pixels-only"))
     return findings
 
 

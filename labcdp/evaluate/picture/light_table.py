@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, reduce
 from math import inf
 from typing import TYPE_CHECKING, Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core.companding import Companding
 from ...core.dn import look_up
-from ...core.frame import DnLevels, Frame
+from ...core.frame import DnLevels, Frame, luminance_pixels
 from ...core.luminance import WHOLE, CommonError, Invalid, LuminanceMap, Window
 from ...core.vignetting import AssumedVignetting, Cos4Vignetting
 from ...files.transfer import Encoding, decoded_table
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 ASSUMED = "assumed vignetting"
 _Maps = NDArray[np.float32]
 _Light = NDArray[np.float32] | NDArray[np.float64]
-#: Rows and columns of the two green pixels in each group of 2 x 2, by the pattern of the colour filter.
-_GREEN = {"RG": ((0, 1), (1, 0)), "BG": ((0, 1), (1, 0)), "GR": ((0, 0), (1, 1)), "GB": ((0, 0), (1, 1))}
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +90,8 @@ class TableMap(AssumedVignettingMap):
     Parameters
     ----------
     frame : Frame
-        Grey, or behind a Bayer pattern; of the latter the mean of the two green pixels counts for each group of 2 x 2.
+        Grey, or behind a colour filter; of the latter the mean of the green or clear pixels counts for each group of
+        2 x 2.
     table : LightTable
         Light of its DN.
     vignetting : AssumedVignetting or None
@@ -198,11 +197,11 @@ def _plane_windows(frame: Frame) -> list[tuple[slice, slice]]:
     if frame.colour_filter is None:
         return [WHOLE]
     height, width = (n // 2 * 2 for n in frame.shape)
-    return [(slice(y, height, 2), slice(x, width, 2)) for y, x in _GREEN[frame.colour_filter]]
+    return [(slice(y, height, 2), slice(x, width, 2)) for y, x in luminance_pixels(frame.colour_filter)]
 
 
 def _mean(values: list[_Light]) -> _Light:
-    return values[0] if len(values) == 1 else (values[0] + values[1]) / np.float32(2)
+    return values[0] if len(values) == 1 else reduce(np.add, values) / np.float32(len(values))
 
 
 @lru_cache(maxsize=4)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError, printable
+from ...core.frame import filter_name
 from ...core.luminance import WHOLE, Invalid, LuminanceMap, Window
 from ...core.result import Finding, unique
 from ...core.roi import Roi
@@ -229,8 +230,7 @@ class PageImage:
     def _colour(self, row: int, column: int) -> str:
         if self.colour_filter is None:
             return ""
-        pattern = {"RG": "RGGB", "GB": "GBRG", "GR": "GRBG", "BG": "BGGR"}[self.colour_filter]
-        return f" ({pattern[2 * (row % 2) + column % 2]})"
+        return f" ({filter_name(self.colour_filter)[2 * (row % 2) + column % 2]})"
 
 
 def is_video(path: Path) -> bool:

@@ -3,6 +3,7 @@
 Nothing of it is labcdp's: photons, noise, hand-over, curve and rounding are written out here.
 """
 
+import os
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 
@@ -80,6 +81,8 @@ def write_bench(folder, camera=SeriesCamera(), encoding='"curve.toml"', pixel_fo
             for number in range(frames):
                 name = folder / role / f"{round(1e3 * exposure_s)}ms_{number}.tif"
                 tifffile.imwrite(name, store(capture(camera, scene, exposure_s, rng)))
+                taken = START.timestamp() + len(lines)
+                os.utime(name, (taken, taken))
                 lines += ["--exposure", f"{name.relative_to(folder)}={exposure_s:g}s"]
     rows = ["patch,luminance_cd_m2,time"]
     for second, (name, luminance) in enumerate(zip(camera.regions(), camera.luminances_cd_m2, strict=True)):

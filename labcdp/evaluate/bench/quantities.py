@@ -136,7 +136,7 @@ def conditions(calibration: AnyCalibration) -> list[tuple[str, str]]:
     return [
         *of_model,
         ("camera", str(state.camera)),
-        ("pixel format", f"{state.pixel_format}, {state.bit_depth} bit, {width} x {height} pixels"),
+        ("pixel format", f"{pixels_text(state)}, {width} x {height} pixels"),
         ("black level", f"{_black_level(state)}; saturated from {state.saturation_dn:g} DN"),
         ("gain", ", ".join(f"{gain:g} dB" for gain in gains)),
         ("calibrated exposures", exposures(calibration.exposures_s)),
@@ -223,6 +223,13 @@ def meter_text(meter: MeterIdentity) -> str:
         f"{meter.model}, serial number {meter.serial}, calibrated {meter.calibration_date or '(date not known)'}"
         f"{', simulated' if meter.simulated else ''}"
     )
+
+
+def pixels_text(state: CameraState) -> str:
+    """Return pixel format and bits, and the curve whose codes the pixels are."""
+    curve = state.companding
+    of_curve = "" if curve is None else f", codes of the curve {curve}"
+    return f"{state.pixel_format}, {state.bit_depth} bit{of_curve}"
 
 
 def _black_level(state: CameraState) -> str:

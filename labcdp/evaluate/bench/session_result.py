@@ -15,7 +15,7 @@ from ..requirement import Requirement
 from ..verdict import LIMIT, VERDICT
 from .calibration_result import calibration_tables
 from .observe import ObservedSession
-from .quantities import lens_text, meter_text
+from .quantities import lens_text, meter_text, pixels_text
 from .rows import ContrastRow, PatchRow
 from .session import SessionEvaluation
 
@@ -209,7 +209,7 @@ def provenance_table(observed: ObservedSession, calibration: AnyCalibration, sim
         ("camera", str(state.camera)),
         (
             "camera settings",
-            f"{state.pixel_format}, {state.bit_depth} bit, {width} x {height} pixels, gain {state.gain_db:g} dB, "
+            f"{pixels_text(state)}, {width} x {height} pixels, gain {state.gain_db:g} dB, "
             f"saturated from {state.saturation_dn:g} DN",
         ),
         ("exposures", exposures({o.exposure_s for name in observed.names for o in observed.observations(name)})),

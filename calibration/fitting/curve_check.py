@@ -30,19 +30,19 @@ _LEAST = 4
 
 @dataclass(frozen=True)
 class BetterCurve:
-    """A curve that ships with labcdp, and makes values proportional to light where the one that is stated does not.
+    """What makes values proportional to light where the curve that is stated does not.
 
     Parameters
     ----------
-    curve : Companding
-        The curve.
+    curve : Companding or None
+        A curve that ships with labcdp; None for values as they are.
     deviation_rel, stated_rel : float
         Relative deviation from proportionality, root mean square over patches and exposures, by it and as stated.
     stated : str
         Name of the curve that is stated; empty for none.
     """
 
-    curve: Companding
+    curve: Companding | None
     deviation_rel: float
     stated_rel: float
     stated: str
@@ -50,6 +50,8 @@ class BetterCurve:
     @property
     def finding(self) -> Finding:
         """The finding."""
+        if self.curve is None:
+            return warning("curve-needless", self.stated, deviation_rel=self.stated_rel, other_rel=self.deviation_rel)
         return warning(
             "curve-wrong" if self.stated else "curve-not-stated",
             self.stated,
@@ -61,6 +63,11 @@ class BetterCurve:
 
     def error(self) -> CalibrationError:
         """Return the error of a calibration that is not possible without it."""
+        if self.curve is None:
+            return CalibrationError(
+                f"the values expanded by the curve {self.stated} deviate from proportion to the readings by "
+                f"{self.stated_rel:.0%} (rms), as they are by {self.deviation_rel:.1%}: leave camera.encoding out"
+            )
         taken = f"expanded by the curve {self.stated}" if self.stated else "as they are"
         shift = f", shifted up by {self.curve.shift} bits" if self.curve.shift else ""
         return CalibrationError(
@@ -72,7 +79,7 @@ class BetterCurve:
 def better_curve(
     groups: Groups, darks: Sequence[DarkObservation], readings: Mapping[str, Sequence[Reading]]
 ) -> BetterCurve | None:
-    """Find a shipped curve that fits where the stated one does not.
+    """Find a shipped curve, or none, that fits where the stated one does not.
 
     With the right curve, the expanded signal above dark over exposure and reading is one number for all patches and
     exposures. The codes of the means are those of the stated curve; for signals that vary little within a patch, as
@@ -135,8 +142,10 @@ def _is_clear(o: PatchObservation) -> bool:
     return not clipped and o.net_dn_at_pixel(o.state.nominal_black_dn) > _CLEAR * sqrt(o.mean_variance_dn2)
 
 
-def _other_curves(state: CameraState) -> Iterator[Companding]:
-    """Yield the shipped curves, at each place of their codes in the values of a file."""
+def _other_curves(state: CameraState) -> Iterator[Companding | None]:
+    """Yield the shipped curves, at each place of their codes in the values of a file, and none."""
+    if state.companding is not None:
+        yield None
     for curve in map(shipped_curve, shipped_curves()):
         for shift in sorted({0, max(state.bit_depth - curve.bits, 0)}):
             if state.companding != (shifted := replace(curve, shift=shift)):

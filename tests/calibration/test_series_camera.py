@@ -136,6 +136,28 @@ def test_codes_without_a_curve_are_said_to_be_those_of_one(tmp_path):
         imported(tmp_path, encoding=None).calibrate()
 
 
+def test_a_curve_of_values_that_are_no_codes_is_found(tmp_path):
+    def linear(camera, scene_cd_m2, exposure_s, rng):
+        rate_e_s = camera.dn_s_cd_m2 / K_DN_PER_E * scene_cd_m2 + camera.dark_e_s
+        noisy = K_DN_PER_E * rng.poisson(rate_e_s * exposure_s) + rng.normal(BLACK_DN, READ_DN, scene_cd_m2.shape)
+        return np.clip(np.rint(noisy), 0, 4000).astype(np.uint16)
+
+    camera = replace(CAMERA, luminances_cd_m2=tuple(np.geomspace(0.5, 800, 12).tolist()))
+    session = imported(tmp_path, camera, encoding='"AR0231"', capture=linear)
+    found = next(f for f in session.calibrate().calibration.findings if f.code == "curve-needless")
+    assert found.values["other_rel"] < 0.02 < 0.06 < found.values["deviation_rel"]
+
+
+@pytest.mark.long
+def test_stated_uncertainty_of_r_holds_in_many_sessions(tmp_path):
+    n, inside = 80, 0
+    for seed in range(n):
+        fit = imported(tmp_path / str(seed), seed=seed).calibrate().calibration.responsivity
+        inside += abs(fit.responsivity_dn_s_cd_m2 / CAMERA.dn_s_cd_m2 - 1) < 1.96 * fit.random_rel
+    # 4 sigma of a binomial distribution.
+    assert abs(inside / n - 0.95) < 4 * np.sqrt(0.95 * 0.05 / n)
+
+
 def recoded(session, configuration, folder):
     """Session with the same frames and readings, and another curve."""
     with Session.create(folder, configuration) as again:

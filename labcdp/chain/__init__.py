@@ -1,6 +1,6 @@
 """The imaging chain, simulated: scene, windscreen, optics, sensor, HDR merge and tone curve, each with its inverse."""
 
-from .captures import CaptureSettings, Photodiode
+from .captures import CaptureSettings, ColourPlane, Photodiode
 from .chain import Chain, ChainRun
 from .hdr import Hdr
 from .imaging import ImagingChain
@@ -11,6 +11,7 @@ from .registry import preset_names, preset_text, register
 from .scene.charts import Checkerboard, StepChart
 from .scene.image import ImageScene
 from .scene.scene import Flat, Level, Patch, PatchScene, Scene, luminance_map, with_patches
+from .scene.spectra import RegionSpectrum
 from .sensor import Sensor
 from .signal import Capture, Context, ExposureSettings, SensorModel, Signal, Stage
 from .thesis import ThesisSensor, ThesisWindscreen
@@ -37,6 +38,7 @@ __all__ = [
     "Chain",
     "ChainRun",
     "Checkerboard",
+    "ColourPlane",
     "Context",
     "ExposureSettings",
     "Flat",
@@ -49,6 +51,7 @@ __all__ = [
     "PatchScene",
     "Photodiode",
     "PiecewiseLinear",
+    "RegionSpectrum",
     "Scene",
     "Sensor",
     "SensorModel",

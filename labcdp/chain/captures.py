@@ -1,4 +1,4 @@
-"""Captures of a sensor, several of which are merged, and the photodiodes that they read out: parameters only."""
+"""Captures of a sensor, the photodiodes that they read out, and the planes of a colour filter: parameters only."""
 
 from __future__ import annotations
 
@@ -9,6 +9,45 @@ from ..core.disk.files import shown
 from ..core.errors import InputError
 from ..core.photometry import QuantumEfficiency, as_quantum_efficiency
 from .parameters import Bits, ElectronRate, Fraction, FullWell, Noise, Number, Parameters, Ratio, SystemGain
+
+#: Planes of the 2 x 2 pixels of each colour filter, row by row from the upper left.
+PATTERNS = {
+    "RGGB": ("R", "G", "G", "B"),
+    "RCCB": ("R", "C", "C", "B"),
+    "RCCC": ("R", "C", "C", "C"),
+    "RGB-IR": ("R", "G", "IR", "B"),
+}
+
+
+@dataclass(frozen=True)
+class ColourPlane(Parameters):
+    """The pixels behind one filter.
+
+    Parameters
+    ----------
+    name : str
+        R, G, B, C (clear) or IR.
+    quantum_efficiency : float or tuple of (float, float)
+        Electrons per photon, the filter included.
+
+    Raises
+    ------
+    InputError
+        If a value is out of its range.
+
+    Examples
+    --------
+    >>> from labcdp.chain import ColourPlane
+    >>> ColourPlane("R", [(560, 0.0), (600, 0.5), (680, 0.4)]).name
+    'R'
+    """
+
+    name: str
+    quantum_efficiency: QuantumEfficiency
+
+    def __post_init__(self) -> None:
+        _check_name(self.name, "plane")
+        object.__setattr__(self, "quantum_efficiency", as_quantum_efficiency(self.quantum_efficiency))
 
 
 @dataclass(frozen=True)
@@ -127,7 +166,7 @@ def _check_name(name: Any, what: str) -> None:
 
 def checked_parts(sensor_values: Any) -> None:
     """Refuse photodiodes and captures of a sensor that do not belong together; raises InputError."""
-    for key, cls in (("photodiodes", Photodiode), ("captures", CaptureSettings)):
+    for key, cls in (("photodiodes", Photodiode), ("captures", CaptureSettings), ("planes", ColourPlane)):
         parts = getattr(sensor_values, key)
         if not isinstance(parts, list | tuple) or not all(isinstance(part, cls) for part in parts):
             raise InputError(f"{key} is {shown(parts)}: give a list of labcdp.chain.{cls.__name__}", key=key)
@@ -136,6 +175,7 @@ def checked_parts(sensor_values: Any) -> None:
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
             raise InputError(f"{key} has {shown(twice)} twice: give each a name of its own", key=key)
+    _check_filter(sensor_values)
     known = [photodiode.name for photodiode in sensor_values.photodiodes]
     for capture in sensor_values.captures:
         if capture.photodiode and capture.photodiode not in known:
@@ -144,3 +184,29 @@ def checked_parts(sensor_values: Any) -> None:
                 f"{', '.join(known) or 'none, as the sensor has no other'}",
                 key="captures",
             )
+
+
+def _check_filter(sensor_values: Any) -> None:
+    """Refuse a colour filter without its planes, and planes without a colour filter."""
+    name, plane = sensor_values.colour_filter, sensor_values.plane
+    if not isinstance(name, str) or name not in ("", *PATTERNS):
+        raise InputError(f"colour_filter is {shown(name)}: give one of {', '.join(PATTERNS)}", key="colour_filter")
+    wanted = dict.fromkeys(PATTERNS.get(name, ()))
+    stated = [one.name for one in sensor_values.planes]
+    if sorted(stated) != sorted(wanted):
+        raise InputError(
+            f"planes has {', '.join(stated) or 'none'}: give {', '.join(wanted) or 'none without a colour_filter'}",
+            key="planes",
+        )
+    own = [one.name for one in sensor_values.photodiodes if one.quantum_efficiency is not None]
+    if wanted and own:
+        raise InputError(
+            f"photodiode {shown(own[0])} has a quantum_efficiency beside the planes of a colour_filter: give its "
+            "light_share instead",
+            key="photodiodes",
+        )
+    if not isinstance(plane, str) or plane not in ("", *wanted):
+        raise InputError(
+            f"plane is {shown(plane)}: give {', '.join(wanted) or 'none'}, or nothing for each pixel as it is",
+            key="plane",
+        )

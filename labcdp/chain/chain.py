@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import ConfigurationError, InputError
+from ..core.photometry import electron_radiance_per_cd_m2
 from ..core.result import html_table
+from .colour import sample_factors, seen_planes, seen_sensor
 from .imaging import ImagingChain
 from .optics import Optics, Windscreen
 from .parameters import COUNT, THREADS
 from .parts import ChainParts
 from .scene.scene import luminance_map
+from .scene.spectra import spectra_of
 from .sensor import Sensor
 from .signal import SIGNAL_HEADS, Context, SensorModel, Signal, digital_signal, scene_signal
 
@@ -67,7 +70,8 @@ class Chain(ChainParts):
                 # A lens makes another image for each pixel pitch; the one of the first sensor is shown.
                 stages.setdefault(name, signal)
             if sensor is not None:
-                behind = self._behind_sensor(sensor, signal, context)
+                seen, exposed = self._seen(sensor, samples, signal, context)
+                behind = self._behind_sensor(seen, exposed, context)
                 stages |= {self.sensor_stage_name(name, sensor_name): result for name, result in behind.items()}
         return ChainRun(self, seed, stages)
 
@@ -102,12 +106,29 @@ class Chain(ChainParts):
         stages = [stage for _, stage in self.before]
         windscreen = next((stage for stage in stages[:1] if isinstance(stage, Windscreen)), None)
         match [stage for stage in stages if stage is not windscreen], [sensor for _, sensor in self.sensors]:
-            case [Optics() as optics], [Sensor() as sensor]:
+            case [Optics() as optics], [Sensor(colour_filter="") as sensor]:
                 return ImagingChain(self.spectrum, windscreen, optics, sensor)
         raise ConfigurationError(
             f"{self.name} cannot serve as the camera of a bench: use at most a windscreen, optics and one sensor of "
-            "type emva1288"
+            "type emva1288 without a colour filter"
         )
+
+    def _seen(
+        self, sensor: SensorModel, samples: NDArray[np.float32], white: Signal, context: Context
+    ) -> tuple[SensorModel, Signal]:
+        """Return a sensor without colour filter, and what its pixels see of the scene's colours."""
+        if not isinstance(sensor, Sensor) or not (sensor.colour_filter or spectra_of(self.scene)):
+            return sensor, white
+        seen, values = seen_sensor(sensor, self.spectrum), np.empty(sensor.shape, np.float32)
+        reference = electron_radiance_per_cd_m2(self.spectrum, seen.quantum_efficiency)
+        for plane in seen_planes(sensor):
+            light = samples * sample_factors(self.scene, plane, self.spectrum)
+            signal = scene_signal(light, oversampling=getattr(self.scene, "oversampling", 1))
+            for _, stage in self.before:
+                signal = stage.process(signal, context)
+            mask = plane.mask(sensor.shape)
+            values[mask] = signal.values[mask] * np.float32(plane.per_cd_m2(self.spectrum) / reference)
+        return seen, replace(white, values=values)
 
     def _behind_sensor(self, sensor: SensorModel, signal: Signal, context: Context) -> dict[str, Signal]:
         assert self.settings is not None

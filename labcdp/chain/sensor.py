@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..core.disk.files import shown
 from ..core.errors import InputError, naming
 from ..core.photometry import QuantumEfficiency, as_quantum_efficiency, electron_radiance_per_cd_m2
-from .captures import CaptureSettings, Photodiode, checked_parts
+from .captures import CaptureSettings, ColourPlane, Photodiode, checked_parts
 from .fixed_pattern import (
     FixedPattern,
     Stream,
@@ -123,6 +123,12 @@ class Sensor(Sized):
         Further photodiodes of each pixel, beside the one that the values above are of.
     captures : tuple of CaptureSettings
         Captures of each exposure, that differ in photodiode, gain or time; none for one as above.
+    colour_filter : str
+        ``RGGB``, ``RCCB``, ``RCCC`` or ``RGB-IR``, the filters of 2 x 2 pixels; empty for a monochrome sensor.
+    planes : tuple of ColourPlane
+        Quantum efficiency behind each filter, which then stands for that of the sensor.
+    plane : str
+        Plane that is looked at, as if all pixels were of it; empty for each pixel as it is.
 
     Raises
     ------
@@ -159,6 +165,9 @@ class Sensor(Sized):
     device_seed: Annotated[int, COUNT] = 0
     photodiodes: tuple[Photodiode, ...] = field(default=(), metadata={"table": Photodiode})
     captures: tuple[CaptureSettings, ...] = field(default=(), metadata={"table": CaptureSettings})
+    colour_filter: str = ""
+    planes: tuple[ColourPlane, ...] = field(default=(), metadata={"table": ColourPlane})
+    plane: str = ""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -468,12 +477,12 @@ class CaptureModel:
 @lru_cache(maxsize=256)
 def _alone(sensor: Sensor, capture: CaptureSettings) -> Sensor:
     """Return a sensor that takes this capture only."""
-    values: dict[str, Any] = {"photodiodes": (), "captures": ()}
+    values: dict[str, Any] = {"photodiodes": (), "captures": (), "colour_filter": "", "planes": (), "plane": ""}
     _, photodiode = sensor._photodiode(capture.photodiode)
     if photodiode is not None:
         own = photodiode.quantum_efficiency
         efficiency = sensor.quantum_efficiency if own is None else own
-        values["quantum_efficiency"] = _scaled(efficiency, photodiode.light_share)
+        values["quantum_efficiency"] = scaled_efficiency(efficiency, photodiode.light_share)
         values |= _stated(photodiode, "full_well_e", "dark_current_e_s", "prnu_rel", "dsnu_e_s")
         dark_e_s = values.get("dark_current_e_s")
         if dark_e_s is not None and "dsnu_e_s" not in values and sensor.dsnu_e_s > 0:
@@ -487,7 +496,7 @@ def _stated(part: Any, *names: str) -> dict[str, Any]:
     return {name: getattr(part, name) for name in names if getattr(part, name) is not None}
 
 
-def _scaled(efficiency: QuantumEfficiency, share: float) -> QuantumEfficiency:
+def scaled_efficiency(efficiency: QuantumEfficiency, share: float) -> QuantumEfficiency:
     """Return a quantum efficiency times a share."""
     if isinstance(efficiency, float):
         return efficiency * share

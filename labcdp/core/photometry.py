@@ -69,7 +69,11 @@ def photon_radiance_per_cd_m2(spectrum: str) -> float:
     return _electrons_per_lm_s(spectrum, 1.0)
 
 
-def electron_radiance_per_cd_m2(spectrum: str, quantum_efficiency: float | Sequence[tuple[float, float]]) -> float:
+def electron_radiance_per_cd_m2(
+    spectrum: str,
+    quantum_efficiency: float | Sequence[tuple[float, float]],
+    reflectance: Sequence[tuple[float, float]] = (),
+) -> float:
     """Electrons s^-1 m^-2 sr^-1 a detector frees for 1 cd/m^2: the photons weighted with QE(lambda).
 
     Parameters
@@ -78,13 +82,39 @@ def electron_radiance_per_cd_m2(spectrum: str, quantum_efficiency: float | Seque
         As for `photon_radiance_per_cd_m2`.
     quantum_efficiency : float or sequence of (float, float)
         A constant, or (wavelength_nm, value) pairs; linear between them, zero outside the table.
+    reflectance : sequence of (float, float)
+        Of a surface that reflects the light, as pairs likewise; () for a neutral one. The luminance is that of the
+        reflected light.
 
     Raises
     ------
     InputError
-        If the spectrum is not known, or the quantum efficiency not usable.
+        If the spectrum is not known, or the quantum efficiency or reflectance not usable.
     """
-    return _electrons_per_lm_s(spectrum, as_quantum_efficiency(quantum_efficiency))
+    return _electrons_per_lm_s(spectrum, as_quantum_efficiency(quantum_efficiency), as_reflectance(reflectance))
+
+
+def as_reflectance(value: Sequence[tuple[float, float]]) -> tuple[tuple[float, float], ...]:
+    """Return a reflectance in its hashable form.
+
+    Raises
+    ------
+    InputError
+        If it has no two pairs of rising wavelengths in nm and values of at least 0, not all of them 0.
+    """
+    if isinstance(value, list | tuple) and not value:
+        return ()
+    try:
+        table = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        table = np.empty((0, 0))
+    usable = table.ndim == 2 and table.shape[1] == 2 and len(table) > 1 and not _holds_truth_value(value)
+    if not usable or not ((np.diff(table[:, 0]) > 0).all() and (table[:, 1] >= 0).all() and table[:, 1].any()):
+        raise InputError(
+            f"reflectance is {shown(value)}: give pairs of rising wavelength in nm and a value of at least 0",
+            key="reflectance",
+        )
+    return tuple((float(wavelength), float(share)) for wavelength, share in table)
 
 
 def axial_illuminance_per_cd_m2(f_number: float, transmittance: float, magnification: float) -> float:
@@ -165,8 +195,17 @@ def _holds_truth_value(value: object) -> bool:
 
 
 @lru_cache(maxsize=64)
-def _electrons_per_lm_s(spectrum: str, quantum_efficiency: QuantumEfficiency) -> float:
+def _electrons_per_lm_s(
+    spectrum: str, quantum_efficiency: QuantumEfficiency, reflectance: tuple[tuple[float, float], ...] = ()
+) -> float:
     wavelength_nm, power, visibility = spectral_weights(spectrum)
+    if reflectance:
+        known, shares = np.array(reflectance).T
+        power = power * np.interp(wavelength_nm, known, shares, left=0, right=0)
+        if not (power * visibility).any():
+            raise InputError(
+                f"the reflectance leaves nothing of {spectrum!r} that is seen: correct it", key="reflectance"
+            )
     if isinstance(quantum_efficiency, float):
         efficiency: NDArray[np.float64] | float = quantum_efficiency
     else:

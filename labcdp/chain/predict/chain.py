@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError, PredictionError
 from ..chain import Chain
+from ..colour import seen_planes, seen_sensor
 from ..isp import CodeCurve
 from ..scene.scene import Scene
+from ..scene.spectra import spectra_of
 from ..sensor import Sensor
 from ..signal import Signal
 from .camera import CameraModel
@@ -60,28 +62,78 @@ def predict_chain(
         If the chain cannot be predicted so, or a value is out of its range.
     """
     sensor, name = _sensor(chain, stage or chain.stage_names[-1])
-    camera = _camera(chain, sensor, name)
+    camera = _camera(chain, seen_sensor(sensor, chain.spectrum), name)
     cells = _scenes(chain.scene, scenes or {})
     levels, shares, pair = _levels(cells)
     front = chain.front(levels, shares)
     # Of a single capture, its own.
     per_lx_s = camera.sensor.electrons_per_lx_s(chain.spectrum)
     veil_e_s = _veil_lx(front, len(levels)) * per_lx_s
+    if contrast is None:
+        contrast = _scene_contrast(*(levels[:, index] for index in pair))
+    if sensor.colour_filter or spectra_of(chain.scene):
+        return _brighter_first(camera, _coloured_rates(chain, sensor, cells, per_lx_s, veil_e_s), contrast, epsilon)
     if is_mixed(chain):
         (dark, dark_shares), (bright, bright_shares) = mixed_pair(chain, cells, front.values, sensor.pixel_pitch_m)
         rates = PatchRates(per_lx_s * dark, per_lx_s * bright, veil_e_s, dark_shares, bright_shares)
     else:
         dark, bright = (front.values[:, index] * per_lx_s for index in pair)
         rates = PatchRates(dark, bright, veil_e_s)
-    if contrast is None:
-        dark, bright = (levels[:, index] for index in pair)
-        if not (dark > 0).all():
-            raise InputError(
-                "the dark region has a luminance of 0 and its contrast is infinite: give a target contrast"
-            )
-        # 1.3 / 1 - 1 is not 0.3 in binary.
-        contrast = np.round(bright / dark - 1, 12)
     return predict(camera, rates, contrast, epsilon)
+
+
+def _scene_contrast(dark: FloatArray, bright: FloatArray) -> FloatArray:
+    """Return the Weber contrast of each cell's scene."""
+    if not (dark > 0).all():
+        raise InputError("the dark region has a luminance of 0 and its contrast is infinite: give a target contrast")
+    # 1.3 / 1 - 1 is not 0.3 in binary.
+    return np.asarray(np.round(bright / dark - 1, 12))
+
+
+def _coloured_rates(
+    chain: Chain, sensor: Sensor, cells: Sequence[Scene], per_lx_s: float, veil_e_s: FloatArray
+) -> PatchRates:
+    """Rates of the pixels of each plane that is looked at, with their shares, for regions of several spectra."""
+    levels, shares, pair = _levels(cells)
+    spectra = spectra_of(chain.scene)
+    reference = seen_sensor(sensor, chain.spectrum).electrons_per_lx_s(chain.spectrum) / sensor.pixel_pitch_m**2
+    patches: list[list[tuple[FloatArray, FloatArray]]] = [[], []]
+    for plane in seen_planes(sensor):
+        factors = [plane.relative(level, spectra, chain.spectrum) for level in chain.scene.levels()]
+        front = chain.front(levels * factors, shares)
+        scale = per_lx_s * plane.per_cd_m2(chain.spectrum) / reference
+        if is_mixed(chain):
+            seen = mixed_pair(chain, cells, front.values, sensor.pixel_pitch_m)
+        else:
+            seen = [(front.values[:, [index]], np.ones((len(cells), 1))) for index in pair]
+        for patch, (lux, parts) in zip(patches, seen, strict=True):
+            patch.append((scale * lux, plane.share * parts))
+    (dark, dark_shares), (bright, bright_shares) = (
+        tuple(np.concatenate(arrays, axis=1) for arrays in zip(*patch, strict=True)) for patch in patches
+    )
+    return PatchRates(dark, bright, veil_e_s, dark_shares, bright_shares)
+
+
+def _brighter_first(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon: float) -> ExactPrediction:
+    """Predict pairs of which colour can make the darker region the brighter one: it then is the bright one of CDP."""
+    dark, bright = rates.patches()
+    full_e_s = (camera.saturation_dn - camera.dark_dn) / camera.dn_per_e_s
+    dark_mean, bright_mean = (np.sum(np.minimum(e_s, full_e_s) * shares, axis=1) for e_s, shares in (dark, bright))
+    is_changed = dark_mean > bright_mean
+    if not is_changed.any():
+        return predict(camera, rates, contrast, epsilon)
+    veil = np.broadcast_to(rates.veil_e_s, is_changed.shape)
+    straight = predict(camera, rates, contrast, epsilon)
+    changed = predict(camera, PatchRates(bright[0], dark[0], veil, bright[1], dark[1]), contrast, epsilon)
+    changed = replace(
+        changed,
+        snr_dark=changed.snr_bright,
+        snr_bright=changed.snr_dark,
+        saturated_share=changed.saturated_share_dark,
+        saturated_share_dark=changed.saturated_share,
+    )
+    names = [field.name for field in fields(ExactPrediction)]
+    return ExactPrediction(*(np.where(is_changed, getattr(changed, name), getattr(straight, name)) for name in names))
 
 
 def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ...]:
@@ -103,6 +155,7 @@ def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ..
         return ()
     try:
         sensor, _ = _sensor(chain, stage or chain.stage_names[-1])
+        sensor = seen_sensor(sensor, chain.spectrum)
         camera = CameraModel(sensor, chain.settings, chain.hdr, spectrum=chain.spectrum)
         ladder = camera.ladder
         levels, shares, (dark, _) = _levels([chain.scene])

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from ...core.errors import PredictionError
 from ..chain import Chain
 from ..optics import Optics
-from ..scene.charts import Checkerboard
 from ..scene.scene import Scene
+from ..scene.spectra import level_samples
 
 FloatArray = NDArray[np.float64]
 
@@ -91,11 +91,7 @@ def _parts(scene: Scene, optics: Optics, pixel_pitch_m: float) -> list[tuple[Flo
     oversampling = getattr(scene, "oversampling", 1)
     regions = scene.regions()
     levels = scene.levels()
-    if isinstance(scene, Checkerboard):
-        bright = scene.is_bright()
-        samples = {"dark": ~bright, "bright": bright}
-    else:
-        samples = dict(regions)
+    samples = level_samples(scene)
     seen: FloatArray = np.stack(
         [optics.spread(samples[level.name].astype(float), pixel_pitch_m, oversampling) for level in levels]
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Annotated, Any
 
@@ -15,6 +15,7 @@ from ...core.errors import InputError
 from ..parameters import HIGHEST_CD_M2, Contrast, Luminance, Number, Oversampling, Sized, Whole
 from ..point_spread import pixel_means
 from .scene import FloatMap, Level, Levelled, Mask, checked_contrasts, darker_first, named_apart
+from .spectra import RegionSpectrum, checked_spectra
 
 
 @dataclass(frozen=True)
@@ -31,6 +32,8 @@ class StepChart(Levelled):
         Name of each stripe; none for ``step 1``, ``step 2``, ...
     contrasts : sequence of (str, str)
         Names of the stripes whose contrasts are evaluated; none for those of neighbours.
+    spectra : tuple of RegionSpectrum
+        Spectra of stripes that are not those of the chain.
 
     Raises
     ------
@@ -49,6 +52,7 @@ class StepChart(Levelled):
     luminances_cd_m2: tuple[float, ...]
     names: tuple[str, ...] = ()
     contrasts: tuple[tuple[str, str], ...] = ()
+    spectra: tuple[RegionSpectrum, ...] = field(default=(), metadata={"table": RegionSpectrum})
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,6 +72,7 @@ class StepChart(Levelled):
             )
         object.__setattr__(self, "names", tuple(self.names))
         object.__setattr__(self, "contrasts", checked_contrasts(self.contrasts, self._names))
+        object.__setattr__(self, "spectra", checked_spectra(self.spectra, self._names))
 
     def layout(self) -> tuple[Mapping[str, float], NDArray[np.intp]]:
         """Return each stripe by its name."""
@@ -82,7 +87,7 @@ class StepChart(Levelled):
     def pairs(self) -> Sequence[tuple[str, str]]:
         """Return the chosen pairs, or each stripe with its right neighbour where their luminances differ."""
         if self.contrasts:
-            return darker_first(self.contrasts, self.layout()[0])
+            return darker_first(self.contrasts, self.layout()[0], bool(self.spectra))
         ordered = [sorted(pair, key=lambda step: step[1]) for pair in pairwise(self.layout()[0].items())]
         return tuple((dark[0], bright[0]) for dark, bright in ordered if dark[1] < bright[1])
 
@@ -103,6 +108,8 @@ class Checkerboard(Sized):
         Side of a square in pixels: whole samples, so a whole number without oversampling.
     oversampling : int
         Samples on each side of a pixel, 1 to 64.
+    spectra : tuple of RegionSpectrum
+        Spectra of ``dark`` and ``bright`` squares that are not those of the chain.
 
     Raises
     ------
@@ -121,9 +128,11 @@ class Checkerboard(Sized):
     contrast: Annotated[float, Contrast("(a fraction; 1.0 is 100 %)", 0, 99, above=True)]
     square_px: float = 1
     oversampling: Oversampling = 1
+    spectra: tuple[RegionSpectrum, ...] = field(default=(), metadata={"table": RegionSpectrum})
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        object.__setattr__(self, "spectra", checked_spectra(self.spectra, ["dark", "bright"]))
         number = Whole if self.oversampling == 1 else Number
         number("pixels", 1 / self.oversampling).check("square_px", self.square_px)
         if abs(self.square_px * self.oversampling - self._square_samples) > 1e-6:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...core.disk.files import shown
 from ...core.errors import InputError
 from ..parameters import HIGHEST_CD_M2, Luminance, Parameters, Sized, Whole
+from .spectra import RegionSpectrum, checked_spectra
 
 FloatMap = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -225,11 +226,13 @@ def checked_contrasts(contrasts: object, names: Sequence[str]) -> tuple[tuple[st
     return tuple(pairs)
 
 
-def darker_first(pairs: Iterable[tuple[str, str]], luminances: Mapping[str, float]) -> tuple[tuple[str, str], ...]:
-    """Return the pairs that are seen and have a contrast, the darker region first."""
+def darker_first(
+    pairs: Iterable[tuple[str, str]], luminances: Mapping[str, float], coloured: bool = False
+) -> tuple[tuple[str, str], ...]:
+    """Return the pairs that are seen and have a contrast, or may have one by colour, the darker region first."""
     seen = [pair for pair in pairs if all(name in luminances for name in pair)]
     ordered = [sorted(pair, key=lambda name: luminances[name]) for pair in seen]
-    return tuple((dark, bright) for dark, bright in ordered if luminances[dark] < luminances[bright])
+    return tuple((dark, bright) for dark, bright in ordered if coloured or luminances[dark] < luminances[bright])
 
 
 class Levelled(Sized):
@@ -268,6 +271,8 @@ class Flat(Levelled):
         Size in pixels.
     luminance_cd_m2 : float
         Luminance in cd/m^2.
+    spectra : tuple of RegionSpectrum
+        Spectrum of ``field``, if it is not that of the chain.
 
     Raises
     ------
@@ -282,6 +287,11 @@ class Flat(Levelled):
     """
 
     luminance_cd_m2: Luminance
+    spectra: tuple[RegionSpectrum, ...] = field(default=(), metadata={"table": RegionSpectrum})
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "spectra", checked_spectra(self.spectra, ["field"]))
 
     def layout(self) -> tuple[Mapping[str, float], NDArray[np.intp]]:
         """Return the whole as ``field``."""
@@ -306,6 +316,8 @@ class PatchScene(Levelled):
         The rectangles; a later one covers an earlier one.
     contrasts : sequence of (str, str)
         Names of the patches whose contrasts are evaluated; none for those of neighbouring luminances.
+    spectra : tuple of RegionSpectrum
+        Spectra of regions, by their names, that are not those of the chain.
 
     Raises
     ------
@@ -324,6 +336,7 @@ class PatchScene(Levelled):
     background_cd_m2: Luminance
     patches: tuple[Patch, ...] = field(default=(), metadata={"table": Patch})
     contrasts: tuple[tuple[str, str], ...] = ()
+    spectra: tuple[RegionSpectrum, ...] = field(default=(), metadata={"table": RegionSpectrum})
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -334,6 +347,7 @@ class PatchScene(Levelled):
             patch.check_inside(self.width, self.height)
         names = named_apart(["background", *(patch.name for patch in self.patches)], "patch", 0)
         object.__setattr__(self, "contrasts", checked_contrasts(self.contrasts, names))
+        object.__setattr__(self, "spectra", checked_spectra(self.spectra, names))
 
     def layout(self) -> tuple[Mapping[str, float], NDArray[np.intp]]:
         """Return what is seen of the background, as ``background``, and of each patch by its name."""
@@ -347,7 +361,8 @@ class PatchScene(Levelled):
         """Return the chosen pairs, or each region with the next brighter one, patches only if two or more are seen."""
         levels = self.levels()
         if self.contrasts:
-            return darker_first(self.contrasts, {level.name: level.luminance_cd_m2 for level in levels})
+            luminances = {level.name: level.luminance_cd_m2 for level in levels}
+            return darker_first(self.contrasts, luminances, bool(self.spectra))
         patches = [level for level in levels if level.name != "background"]
         neighbours = pairwise(sorted(patches if len(patches) > 1 else levels, key=lambda level: level.luminance_cd_m2))
         return tuple((a.name, b.name) for a, b in neighbours if a.luminance_cd_m2 < b.luminance_cd_m2)

@@ -184,7 +184,7 @@ def comparison_files(comparison: ComparisonEvaluation, result: Result) -> dict[s
     titles = {} if beside else {"usable_ranges": "Usable ranges"}
     titles |= {
         "requirement": "Requirement",
-        "dips": "Dips at hand-overs",
+        "dips": "Dips",
         "differences": "Values",
         "settings": "Settings that differ",
         "curves": "All places",

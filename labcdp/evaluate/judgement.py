@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 
 Verdict = Literal["met", "not met", "undecided"]
 #: A requirement is met where its contrast is detected.
-VERDICTS: dict[Detected, Verdict] = {"detected": "met", "not detected": "not met", "undecided": "undecided"}
+VERDICTS: dict[Detected, Verdict] = {
+    "detected": "met",
+    "not detected": "not met",
+    "undecided": "undecided",
+    "saturated": "undecided",
+}
 #: Colours of the verdicts.
 STATES: dict[Verdict, State] = {"met": "good", "not met": "bad", "undecided": "open"}
 #: The worst first.

@@ -10,14 +10,19 @@ from ..core.errors import InputError
 from ..core.table import Column
 from ..report.layout import State
 
-Verdict: TypeAlias = Literal["detected", "not detected", "undecided"]
+Verdict: TypeAlias = Literal["detected", "not detected", "undecided", "saturated"]
 #: CDP from which a contrast counts as detected unless another limit is given.
 CDP_LIMIT = 0.9
 #: Colours of the verdicts.
-STATES: dict[Verdict, State] = {"detected": "good", "not detected": "bad", "undecided": "open"}
+STATES: dict[Verdict, State] = {"detected": "good", "not detected": "bad", "undecided": "open", "saturated": "open"}
 #: Limit and verdict, for items that have them under these names.
 LIMIT = Column("cdp_limit", "CDP limit", "", "CDP from which the contrast counts as detected.", digits=0, shown=False)
-VERDICT = Column("verdict", "detected", "", "Whether the CDP reaches the limit; undecided within its 95 % interval.")
+VERDICT = Column(
+    "verdict",
+    "detected",
+    "",
+    "Whether the CDP reaches the limit: undecided within its 95 % interval; saturated if a region is, without a CDP.",
+)
 
 
 def cdp_verdict(cdp: float, interval: tuple[float, float], limit: float) -> Verdict:

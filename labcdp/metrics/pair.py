@@ -19,7 +19,16 @@ from . import Cdp, Distribution, Epsilon, csnr, snr, weber_contrast
 from .contrast import checked_contrast, detected_ratios
 from .detection import region_cdp, size_findings
 from .pixel_pairs import bright_and_dark, share_inside
-from .region import Bound, RegionLight, RegionPixels, light_factor, region_light, variance_of_changes, with_uncertainty
+from .region import (
+    Bound,
+    RegionLight,
+    RegionPixels,
+    is_saturated,
+    light_factor,
+    region_light,
+    variance_of_changes,
+    with_uncertainty,
+)
 
 _Array = NDArray[np.float64]
 #: Signed relative errors in two regions for one standard uncertainty, of shape () or that of the pixels.
@@ -43,7 +52,8 @@ class Pair:
     bright : {'a', 'b'}
         Name of the region with the larger mean.
     cdp : Cdp
-        Of all target contrasts; the intervals combine pixels, whose noise may be correlated, and calibration.
+        Of all target contrasts, nan if a region is saturated; the intervals combine pixels, whose noise may be
+        correlated, and calibration.
     contrast : Quantity
         Weber contrast of the means, with its standard uncertainty, nan if a region is saturated; common errors of both
         regions have cancelled.
@@ -158,7 +168,9 @@ def evaluate_regions(
     contrast, by_pixels, by_lens = _contrast(bright, dark, *(
         both if name == "a" else [(y, x) for x, y in both] for both in (errors, lens)
     ))  # fmt: skip
-    usable = (contrast.value,) if isfinite(contrast.value) and contrast.value > 0 else ()
+    saturated = is_saturated(first.invalid_shares) or is_saturated(second.invalid_shares)
+    # A bound is no target.
+    usable = (contrast.value,) if isfinite(contrast.value) and contrast.value > 0 and not saturated else ()
     targets = [checked_contrast(target, epsilon) for target in (usable if contrasts is None else contrasts)]
     limits = [detected_ratios(target, epsilon) for target in targets]
     ratios = snr(first.distribution), snr(second.distribution), csnr(first.distribution, second.distribution)
@@ -182,9 +194,8 @@ def evaluate_regions(
         region_light(first, [*(x for x, _ in errors), *first.smooth], ratios[0], variances[0]),
         region_light(second, [*(y for _, y in errors), *second.smooth], ratios[1], variances[1]),
     )
-    saturated = any(region.bound for region in regions)
     findings = [finding for region in regions for finding in _pixel_findings(region)]
-    if contrasts is None and not usable:
+    if contrasts is None and not usable and not saturated:
         findings.append(warning("contrast-undefined", f"{first.roi.name} / {second.roi.name}"))
     if not saturated:
         findings += vignetting_findings(bright.roi.name, dark.roi.name, by_lens / (1 + contrast.value))
@@ -192,7 +203,7 @@ def evaluate_regions(
         a=regions[0],
         b=regions[1],
         bright=name,
-        cdp=cdp.with_calibration(variances[3:]),
+        cdp=cdp.unanswered() if saturated else cdp.with_calibration(variances[3:]),
         contrast=Quantity(contrast.value, nan) if saturated else contrast,
         contrast_pixels=nan if saturated else by_pixels,
         contrast_vignetting=nan if saturated else by_lens,

@@ -146,6 +146,13 @@ class RegionPixels(NoisyRegion):
         return self.image[self.mask]
 
     @cached_property
+    def invalid_shares(self) -> dict[str, float]:
+        """Share of the pixels that are invalid for a reason, by its name; without reasons that no pixel has."""
+        flags = self.luminance.invalid[self.part][self.mask]
+        shares = {name: float(np.mean(flags & reason != 0)) for reason, name in REASONS.items()} if flags.any() else {}
+        return {name: share for name, share in shares.items() if share}
+
+    @cached_property
     def _common_errors(self) -> tuple[CommonError, ...]:
         return self.luminance.common_in(self.part)
 
@@ -237,10 +244,8 @@ def is_saturated(invalid_shares: Mapping[str, float]) -> bool:
 
 def region_light(pixels: RegionPixels, errors: Sequence[_Array], ratio: Quantity, ratio_variance: float) -> RegionLight:
     """Make the result of a region, given its SNR and the variance these errors add to it."""
-    flags = pixels.luminance.invalid[pixels.part][pixels.mask]
-    shares = {name: float(np.mean(flags & reason != 0)) for reason, name in REASONS.items()} if flags.any() else {}
     by_calibration = [float(np.mean(error * pixels.values)) for error in errors] if pixels.scale_known else [nan]
-    saturated = is_saturated(shares)
+    saturated = is_saturated(pixels.invalid_shares)
     return RegionLight(
         roi=pixels.roi,
         n_pixels=pixels.values.size,
@@ -249,7 +254,7 @@ def region_light(pixels: RegionPixels, errors: Sequence[_Array], ratio: Quantity
         std=pixels.std,
         # What clipping takes from the noise is no signal.
         snr=Quantity(nan, nan) if saturated else with_uncertainty(ratio, pixels.inflation, ratio_variance),
-        invalid_shares={name: share for name, share in shares.items() if share},
+        invalid_shares=pixels.invalid_shares,
     )
 
 

@@ -99,6 +99,15 @@ class Cdp(Generic[Number]):
         interval = confidence_interval(self.cdp, np.square(self.u_pixels) + variance, self._independent_pixels)
         return replace(self, u_calibration=u_calibration, interval=interval)
 
+    def unanswered(self) -> Cdp[Number]:
+        """Return the record with nan for all that saturated pixels do not show.
+
+        They show a lower limit of the light: whether a pair has the contrast is not known.
+        """
+        unknown = as_number(np.full(np.shape(self.cdp), np.nan))
+        changed: dict[str, Any] = dict.fromkeys(_OF_PAIRS, unknown)
+        return replace(self, interval=Interval(unknown, unknown), **changed)
+
     @property
     def _independent_pixels(self) -> Any:
         """Effective number of independent pixels of the smaller region."""
@@ -135,6 +144,8 @@ class Cdp(Generic[Number]):
         return html_table(head, [[number(value) for value in row] for row in rows])
 
 
+#: Fields of `Cdp` that follow from the values of the pixels.
+_OF_PAIRS = ("cdp", "below", "above", "undefined", "u_pixels", "u_calibration")
 #: Fields of `Cdp` that are arrays over the contrasts, and those that are intervals of arrays.
 _ARRAYS = (
     "contrast", "cdp", "below", "above", "undefined", "u_pixels", "correlation_inflation", "u_calibration",

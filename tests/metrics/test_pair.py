@@ -108,12 +108,14 @@ def test_the_uncertainty_of_the_snr_has_the_dark_signal_in_it():
 
 def test_pixels_that_are_not_valid_count_and_are_warned_about():
     invalid = np.zeros(SHAPE, dtype=np.uint8)
-    invalid[5:15, 5:35] = Invalid.SATURATED | Invalid.OUTSIDE_CALIBRATED
+    invalid[5:15, 5:35] = Invalid.OUTSIDE_CALIBRATED
+    # Fewer saturated pixels than make a bound of the mean.
+    invalid[5, 5:15] |= np.uint8(Invalid.SATURATED)
     invalid[10, 50:62] = Invalid.BELOW_BLACK
     invalid[11, 50:53] = Invalid.DEFECT
     luminance = _scene()
     found = evaluate_pair(map_of(luminance, invalid=invalid), LEFT, RIGHT, (0.2,))
-    assert found.a.invalid_shares == {"saturated": 0.25, "outside_calibrated": 0.25}
+    assert found.a.invalid_shares == {"saturated": pytest.approx(1 / 120), "outside_calibrated": 0.25}
     assert found.b.invalid_shares == {"below_black": 0.01, "defect": 0.0025}
     assert found.cdp[0].cdp == cdp(LEFT.select(luminance), RIGHT.select(luminance), 0.2).cdp
     named = [("saturated", "left"), ("outside-calibrated", "left"), ("below-black", "right"), ("defect", "right")]

@@ -14,7 +14,6 @@ from ...calibration.setup import MeterScale
 from ...calibration.signal import usable
 from ...core.errors import CalibrationError, InputError
 from ...core.luminance import LuminanceMap
-from ...core.quantity import Interval
 from ...core.result import Finding, warning
 from ...core.roi import Roi
 from ...metrics import Cdp, ContrastDistribution, contrast_histogram
@@ -225,6 +224,8 @@ class ContrastRow:
     @property
     def verdict(self) -> Verdict:
         """Whether the contrast is detected: undecided if the interval of the CDP includes the limit."""
+        if ">" in (self.bright.bound, self.dark.bound):
+            return "saturated"
         return cdp_verdict(self.cdp.cdp, self.cdp.interval, self.target.cdp_limit)
 
 
@@ -264,15 +265,8 @@ def contrast_row(
     numbers = shown[pair.bright].number, shown[pair.dark].number
     of_frames = exposure_s, *numbers, both.findings if clipped else ()
     if both.bound:
-        return ContrastRow(pair, bright, dark, _without_cdp(cdp), None, *of_frames)
+        return ContrastRow(pair, bright, dark, cdp, None, *of_frames)
     if cdp.swapped:
         raise InputError(f"patch {pair.bright!r} is darker than {pair.dark!r}: give the brighter one as bright")
     distribution = contrast_histogram(of_bright.distribution, of_dark.distribution, cdp.detected_range.high)
     return ContrastRow(pair, bright, dark, cdp, distribution, *of_frames)
-
-
-def _without_cdp(cdp: Cdp[float]) -> Cdp[float]:
-    """Return the record with nan for all that clipped pixels do not show."""
-    return replace(
-        cdp, cdp=nan, below=nan, above=nan, undefined=nan, u_pixels=nan, u_calibration=nan, interval=Interval(nan, nan)
-    )

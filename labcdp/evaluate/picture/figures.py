@@ -56,15 +56,17 @@ def picture_figures(measured: MeasuredPicture, picture: Picture, luminance: Lumi
             name = shortened(pair.name, 40)
             panels += [ContrastPanel(name, distribution, cdp, contrast) for cdp in _drawn(pair.cdp, contrast)]
     figures = [_picture(measured, luminance), *contrast_figures(panels[:_MOST_PANELS])]
-    if any(len(pair.cdp) > 1 for pair in measured.contrasts):
+    if any(len(pair.cdp) > 1 and np.isfinite(pair.cdp.cdp).any() for pair in measured.contrasts):
         figures.append(_curves([(pair.name, pair.cdp) for pair in measured.contrasts]))
     return [*figures, _values(measured, picture, luminance)]
 
 
 def pair_distribution(pair: AnyContrast, luminance: LuminanceMap) -> ContrastDistribution | None:
-    """Return the contrasts of all pairs of pixels; None where no contrast is finite."""
+    """Return the contrasts of all pairs of pixels; None where no contrast is finite, and of saturated regions."""
     if isinstance(pair, NeighbourPair):
         return neighbour_distribution(luminance, pair)
+    if pair.bound:
+        return None
     highest = float(pair.cdp.detected_range.high.max(initial=0.0)) or 1.0
     a, b = (luminance.select(region.roi).astype(np.float64) for region in (pair.a, pair.b))
     return contrast_histogram(a, b, highest)
@@ -124,13 +126,15 @@ def _curves(cdps: Sequence[tuple[str, Cdp[NDArray[np.float64]]]]) -> ReportFigur
     title = "CDP over the target contrast, with 95 % intervals"
     beside = {"loc": "upper left", "bbox_to_anchor": (1.01, 1.0), "frameon": False}
     finish(axes, "target Weber contrast in %", "CDP", title, **beside)
-    best = max((cdp for _, results in drawn for cdp in results), key=lambda cdp: cdp.cdp)
+    with_cdp = [cdp for _, results in drawn for cdp in results if isfinite(cdp.cdp)]
+    best = max(with_cdp, key=lambda cdp: cdp.cdp, default=None)
+    largest = "" if best is None else f"; the largest is {best.cdp:.4f} at {percent(best.contrast)}"
     left_out = f" Only the first {len(drawn)} of {len(cdps)} pairs are drawn." if len(cdps) > len(drawn) else ""
     return reported(
         "cdp",
         figure,
         f"CDP of each target contrast, with its 95 % interval.{left_out}",
-        f"CDP over contrast; the largest is {best.cdp:.4f} at {percent(best.contrast)}.",
+        f"CDP over contrast{largest}.",
     )
 
 

@@ -22,7 +22,7 @@ from ...report.text import (
     significant,
 )
 from ..judgement import requirement_cards
-from ..verdict import STATES, cdp_verdict
+from ..verdict import STATES, Verdict, cdp_verdict
 from .image import AnyContrast, MeasuredPicture
 
 #: Cards of a page; the table has all.
@@ -97,8 +97,14 @@ def _cards(picture: MeasuredPicture, limit: float) -> list[Card]:
 
 
 def _card(contrast: AnyContrast, n_targets: int, limit: float) -> Card:
-    value, interval, target, verdict = MISSING, "", MISSING, None
-    if len(contrast.cdp):
+    value, interval, target = MISSING, "", MISSING
+    verdict: Verdict | None = None
+    bound = contrast.bound if isinstance(contrast, Pair) else ""
+    if bound:
+        verdict = "saturated"
+        targets = contrast.cdp.contrast.tolist()
+        target = MISSING if not targets else f"{percent(targets[0])}{f' and {n_targets - 1} others' * (n_targets > 1)}"
+    elif len(contrast.cdp):
         cdp = max(contrast.cdp, key=lambda cdp: cdp.cdp)
         value, interval, target = fixed(cdp.cdp, cdp_decimals(cdp)), cdp_interval(cdp), percent(cdp.contrast)
         verdict = cdp_verdict(cdp.cdp, cdp.interval, limit)
@@ -107,7 +113,6 @@ def _card(contrast: AnyContrast, n_targets: int, limit: float) -> Card:
         elif n_targets > 1:
             target += f" (largest CDP of {n_targets})"
     detail = f"CDP, 95 %: {interval}" if interval not in ("", UNKNOWN) else "CDP"
-    bound = contrast.bound if isinstance(contrast, Pair) else ""
     lines = (
         f"target contrast {target}",
         f"contrast measured {measured_contrast_text(contrast.contrast, bound)}",

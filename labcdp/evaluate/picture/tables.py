@@ -100,7 +100,12 @@ def cdp_table(pictures: Sequence[MeasuredPicture], several: bool, limit: float) 
         _ORIGIN.name: origins,
         LIMIT.name: [limit] * len(cdps),
         VERDICT.name: [
-            cdp_verdict(cdp.cdp, cdp.interval, limit) if cdp is not None and isfinite(cdp.cdp) else None for cdp in cdps
+            "saturated"
+            if pair is not None and pair.bound
+            else cdp_verdict(cdp.cdp, cdp.interval, limit)
+            if cdp is not None and isfinite(cdp.cdp)
+            else None
+            for pair, cdp in zip(pairs, cdps, strict=True)
         ],
     }
     measured = "measured" in origins

@@ -170,7 +170,7 @@ def _dataset(source: VideoSource, converter: Converter, part: PartRun) -> Datase
     rows = islice(journal.rows(), n_frames)
     columns = frame_columns(rows, n_frames, len(part.contrasts), settings.rois)
     measured = first_measured(columns)
-    if measured is None:
+    if measured is None or np.isnan(part.contrasts).all():
         journal.discard()
         number, finding = first_finding(columns) or (0, None)
         why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""

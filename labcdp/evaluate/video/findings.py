@@ -44,9 +44,17 @@ def _counted_as(finding: Finding) -> str:
 
 
 def first_measured(columns: Mapping[str, NDArray[Any]]) -> int | None:
-    """Return the number of the first frame that has a CDP; None if none has."""
-    measured = np.flatnonzero(np.isfinite(columns["cdp"]).any(axis=1))
+    """Return the number of the first frame that has a CDP, or whose regions were measured; None if none has."""
+    has_cdp = np.isfinite(columns["cdp"]).any(axis=1)
+    measured = np.flatnonzero(has_cdp if has_cdp.any() else _saturated_frames(columns))
     return int(columns["frame"][measured[0]]) if measured.size else None
+
+
+def _saturated_frames(columns: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+    """Return which frames have no CDP only because a region is saturated."""
+    if "saturated" not in columns:
+        return np.zeros(columns["frame"].size, np.bool_)
+    return np.asarray((columns["saturated"] > SATURATED_SHARE).any(axis=1))
 
 
 def first_finding(columns: Mapping[str, NDArray[Any]]) -> tuple[int, Finding] | None:

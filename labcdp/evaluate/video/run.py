@@ -115,7 +115,7 @@ class PartRun:
             self.end = last
             self.n_done -= 1
         for row in journal.rows():
-            self._note_measured_contrast(row.get(_MEASURED, nan))
+            self._note_measured_contrast(row.get(_MEASURED, nan), _has_saturated_region(row))
 
     @property
     def contrasts(self) -> tuple[float, ...]:
@@ -151,9 +151,12 @@ class PartRun:
     def _regions(self, item: TrackedFrame) -> tuple[TrackedRoi, ...]:
         return tuple(item.regions[roi] for roi in self.settings.rois if roi in item.regions)
 
-    def _note_measured_contrast(self, contrast: float) -> bool:
-        """Store the contrast measured in a frame; returns whether that changes the contrasts to be detected."""
-        if self._first_contrast is not None or not (isfinite(contrast) and contrast > 0):
+    def _note_measured_contrast(self, contrast: float, saturated: bool = False) -> bool:
+        """Store the contrast measured in a frame; returns whether that changes the contrasts to be detected.
+
+        That of a saturated region is a bound, and no target.
+        """
+        if saturated or self._first_contrast is not None or not (isfinite(contrast) and contrast > 0):
             return False
         self._first_contrast = contrast
         return self.settings.contrasts is None or self.settings.reference == "first"
@@ -184,7 +187,7 @@ class PartRun:
             )
         except InputError as error:
             return row | _with_findings([warning("frame-not-evaluated", reason=" ".join(str(error).split()))])
-        if "cdp" not in values:
+        if "cdp" not in values and not _has_saturated_region(values):
             findings.append(warning("frame-without-contrast"))
         for region, share in zip(settings.rois, values.get("saturated", ()), strict=False):
             if share > SATURATED_SHARE:
@@ -204,7 +207,7 @@ class PartRun:
             measured = [self.settings.contrasts is None] * len(contrasts) + [self.settings.reference == "first"]
             pair = evaluate_regions(first, second, targets, self.settings.epsilon, measured[: len(targets)])
             # The first frame that is measured gives what was not given.
-            if not self._note_measured_contrast(pair.contrast.value):
+            if not self._note_measured_contrast(pair.contrast.value, bool(pair.bound)):
                 break
         n, both = len(contrasts), (pair.a, pair.b)
         row: Row = {name: values[0] for name, values in values_of(PAIR_COLUMNS, [pair]).items()}
@@ -230,6 +233,10 @@ def _region_corners(regions: Sequence[TrackedRoi], rois: Sequence[Roi]) -> Row:
         return row | values_of((*TRACKING_COLUMNS, *CORNER_COLUMNS), regions)
     nothing = [[nan] * len(roi.corners) for roi in rois]
     return row | {"lost": [False, False]} | dict.fromkeys(names(CORNER_COLUMNS), nothing)
+
+
+def _has_saturated_region(row: Row) -> bool:
+    return any(share > SATURATED_SHARE for share in row.get("saturated", ()))
 
 
 def _with_findings(findings: Iterable[Finding]) -> Row:

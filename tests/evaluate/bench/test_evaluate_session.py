@@ -216,7 +216,7 @@ def test_a_patch_that_is_saturated_at_every_exposure_has_a_bound(recorded, calib
         saturated = row.target.bright in bounded
         assert row.bound == (">" if saturated and row.target.dark not in bounded else "?" if saturated else "")
         assert np.isnan(row.cdp.cdp) == saturated
-        assert not saturated or row.verdict == "undecided"
+        assert not saturated or row.verdict == "saturated"
         assert row.bound != ">" or row.camera_contrast < row.measured_contrast
     result = session_result(found)
     codes = {one.code for one in result.findings}

@@ -1,5 +1,6 @@
 """Contrast maps: edges against brute force on their pixels and closed forms, and the files that say the same."""
 
+from dataclasses import replace
 from math import sqrt
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from labcdp.evaluate.picture.converter import PictureSource
 from labcdp.evaluate.picture.edges.edges import ContrastMapSettings, EdgeKind
 from labcdp.evaluate.picture.edges.map import contrast_map
 from labcdp.evaluate.picture.edges.page import contrast_map_files
-from labcdp.evaluate.picture.edges.result import contrast_map_dataset, map_result
+from labcdp.evaluate.picture.edges.result import KINDS, contrast_map_dataset, edge_table, map_result
 from labcdp.metrics import DetectionInterval, cdp
 
 from ...conftest import valid
@@ -215,3 +216,24 @@ def test_the_files_hold_the_edges_and_escape_names(tmp_path):
         for name, one in (("cdp", found.edges.cdp), ("region_mean", found.regions.mean), ("kind", found.edges.kind)):
             assert np.array_equal(read[name], one, equal_nan=True)
     assert "<b>scene" not in (tmp_path / "report.html").read_text()
+
+
+def test_edges_that_are_not_above_their_u_come_last():
+    levels = np.repeat([100.0, 200, 260], (130, 120, 90))
+    image = levels + np.where(levels < 250, 4.0, 25.0) * np.random.default_rng(0).normal(size=(300, 340))
+    found = contrast_map(map_of(image), ContrastMapSettings(30))
+    weakest, u = found.weakest(10), found.edges.contrast_standard_uncertainty.copy()
+    assert found.n_uncertain == 0
+    # As by a vignetting that was not measured: U just above the contrast, and just below.
+    u[weakest[:2]] = found.edges.contrast[weakest[:2]] / 1.96 * (1.01, 0.98)
+    doubtful = replace(found, edges=replace(found.edges, contrast_standard_uncertainty=u))
+    assert (doubtful.n_uncertain, weakest[0] in doubtful.weakest(10)) == (1, False)
+    assert doubtful.weakest(9).tolist() == weakest[1:].tolist()
+    source = PictureSource(Path("a.png"), "0" * 64, (300, 340), "cd/m²", "c")
+    named = {finding.code: finding.values for finding in map_result(doubtful, source).findings}
+    assert named["edges-uncertain"]["count"] == 1
+    kind = found.edges.kind[weakest[0]]
+    of_kind = [row for row in edge_table(doubtful, source).rows() if row["kind"] == KINDS[EdgeKind(kind)][0]]
+    assert of_kind[-1]["cdp"] == found.edges.cdp[weakest[0]] == min(row["cdp"] for row in of_kind)
+    # What a reference shows is evidence, however little is left of it.
+    assert replace(doubtful, has_reference=True).n_uncertain == 0

@@ -11,6 +11,7 @@ import openpyxl
 import pytest
 
 import labcdp
+from labcdp.core.errors import InputError
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.core.roi import Roi
 from labcdp.evaluate.picture.converter import make_converter
@@ -21,10 +22,11 @@ from labcdp.evaluate.video.page import frame_sheets
 from labcdp.evaluate.video.result import video_result
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.read import read_picture
-from labcdp.metrics.pair import evaluate_pair
+from labcdp.metrics.pair import evaluate_pair, evaluate_regions
 from labcdp.report.files import envelope_json
 from labcdp.report.sheets import result_workbook
 from labcdp.report.text import bounded, cell_text, text_table
+from labcdp.web.bench.pair import pair_points
 from labcdp.web.regions.page_image import PageImage
 
 FULL, DARK = Roi.rectangle("lamp", 5, 5, 20, 20), Roi.rectangle("road", 35, 5, 20, 20)
@@ -109,7 +111,7 @@ def test_tables_sheets_json_and_page_say_more_than(path):
 
 
 def test_videos_and_python_have_no_uncertainty_either(path):
-    found = evaluate_video(path.parent, VideoSettings(None, (FULL, DARK), "fixed"))
+    found = evaluate_video(path.parent, VideoSettings((3.0,), (FULL, DARK), "fixed"))
     assert np.isnan(found.u_measured_contrast).all()
     u = found.u_mean.isel(frame=0)
     assert np.isnan(u.sel(region="lamp"))
@@ -126,6 +128,43 @@ def test_videos_and_python_have_no_uncertainty_either(path):
     in_python = labcdp.read_image(path).regions([FULL, DARK]).cdp()
     assert np.isnan(in_python.u_measured_contrast).all()
     assert np.isnan(in_python.u_mean.sel(side="bright")).all()
+
+
+def test_no_path_answers_a_saturated_pair(path):
+    # The clipped pixels show 300 %, and 1.000 would be counted, whatever the lamp was.
+    settings = ImageSettings((3.0, 8.0), rois=(FULL, DARK))
+    _, result, files = evaluate_picture(settings, path, pages=True, surface=False)
+    rows = list(result.table("cdp").rows())
+    assert [row["contrast"] for row in rows] == [3, 8]
+    assert [row["verdict"] for row in rows] == ["saturated"] * 2
+    numbers = ("cdp", "cdp_low", "cdp_high", "u_cdp", "below", "above", "csnr", "u_measured_contrast")
+    assert np.isnan([[row[name] for name in numbers] for row in rows]).all()
+    assert "saturated" in files["report.html"].decode()
+    assert len(evaluate_pair(RELATIVE.luminance(read_picture(path)), FULL, DARK).cdp) == 0
+    video = evaluate_video(path.parent, VideoSettings((3.0, 8.0), (FULL, DARK), "fixed"))
+    assert np.isnan(video[["cdp", "cdp_low", "cdp_high", "u_cdp", "below", "above", "csnr"]].to_array()).all()
+    assert [row["n_evaluated"] for row in video_result(video).table("contrasts").rows()] == [0, 0]
+    for in_python in (
+        labcdp.read_image(path).regions([FULL, DARK]).cdp([3, 8]),
+        labcdp.open_video(path.parent).track([FULL, DARK], method="fixed").cdp([3, 8]),
+    ):
+        assert np.isnan(in_python[["cdp", "cdp_low", "cdp_high", "u_cdp"]].to_array()).all()
+    live = evaluate_regions(*map(PageImage.of(read_picture(path), RELATIVE).pixels, (FULL, DARK)), (3.0,), 0.5)
+    assert np.isnan([live.cdp[0].cdp, *live.cdp[0].interval]).all()
+    assert pair_points(live, 0.0)[0].verdict == "saturated"
+
+
+def test_a_saturated_frame_gives_no_target_contrast(path):
+    dn = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    dn[:, :30] = 180 + dn[:, 30:60] % 3
+    cv2.imwrite(str(path.with_name("1.png")), dn)
+    found = evaluate_video(path.parent, VideoSettings(None, (FULL, DARK), "fixed"))
+    assert found.contrast.item() == pytest.approx(found.measured_contrast.isel(frame=1).item())
+    assert np.isnan(found.cdp.isel(frame=0)).all()
+    assert np.isfinite(found.cdp.isel(frame=1)).all()
+    path.with_name("1.png").unlink()
+    with pytest.raises(InputError, match=r"no frame could be evaluated; frame 0: region 'lamp' is \d+"):
+        evaluate_video(path.parent, VideoSettings(None, (FULL, DARK), "fixed"))
 
 
 def test_the_viewer_shows_a_bound_at_a_saturated_pixel(path):

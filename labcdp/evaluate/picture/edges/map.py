@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ....core.errors import InputError
 from ....core.luminance import LuminanceMap
+from ....core.quantity import Z_95
 from ....core.result import Finding, info, warning
 from ....metrics.contrast import each_contrast
 from ....regions.superpixels import Neighbours, neighbours
@@ -87,6 +88,17 @@ class ContrastMap:
         return np.isin(self.edges.kind, kinds)
 
     @property
+    def is_certain(self) -> NDArray[np.bool_]:
+        """Mask of the edges that are evidence: of a contrast above its U (95 %), or one that the reference shows."""
+        edges = self.edges
+        return np.asarray(self.has_reference | (edges.contrast > Z_95 * edges.contrast_standard_uncertainty))
+
+    @property
+    def n_uncertain(self) -> int:
+        """Number of detected and lost edges that may be none, as their contrast is not above its U."""
+        return int(np.count_nonzero(self.mask_of_kinds(EdgeKind.SEEN, EdgeKind.LOST) & ~self.is_certain))
+
+    @property
     def detected_share(self) -> float:
         """Share of the edges with at least the minimum contrast that are probably detected; nan without any."""
         seen, lost = self.count(EdgeKind.SEEN), self.count(EdgeKind.LOST)
@@ -115,8 +127,8 @@ class ContrastMap:
         return float(-ndtri(FALSE_ALARM / (2 * max(self.edges.kind.size, 1))))
 
     def weakest(self, n: int) -> NDArray[np.intp]:
-        """Rows of the `n` edges of lowest CDP with at least the minimum contrast, the lowest first."""
-        judged = np.flatnonzero(self.mask_of_kinds(EdgeKind.SEEN, EdgeKind.LOST))
+        """Rows of the `n` certain edges of lowest CDP with at least the minimum contrast, the lowest first."""
+        judged = np.flatnonzero(self.mask_of_kinds(EdgeKind.SEEN, EdgeKind.LOST) & self.is_certain)
         return judged[np.argsort(self.edges.cdp[judged], kind="stable")][:n]
 
 

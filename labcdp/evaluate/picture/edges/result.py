@@ -55,6 +55,9 @@ def map_result(edge_map: ContrastMap, source: PictureSource, inputs: Sequence[In
     findings = [*source.findings, *edge_map.findings]
     if edge_map.blind_share > 0:
         findings.append(info("contrast-in-noise", contrast=settings.minimum_contrast, share=edge_map.blind_share))
+    if edge_map.n_uncertain:
+        n_edges = edge_map.count(EdgeKind.SEEN) + edge_map.count(EdgeKind.LOST)
+        findings.append(info("edges-uncertain", count=edge_map.n_uncertain, n_edges=n_edges))
     n = max(WEAKEST // len(edge_map.each), 1)
     weakest = _edges_of(
         edge_map, source.unit, "weakest", "The weakest edges", [single.weakest(n) for single in edge_map.each]
@@ -84,12 +87,16 @@ def map_result(edge_map: ContrastMap, source: PictureSource, inputs: Sequence[In
 
 
 def edge_table(edge_map: ContrastMap, source: PictureSource) -> Table:
-    """Return the edges but for noise and too small ones, kind by kind, those with the lowest CDP first."""
+    """Return the edges but for noise and too small ones, kind by kind, the certain ones and lowest CDP first."""
     orders = []
     for map_at_target in edge_map.each:
         shown = np.flatnonzero(~map_at_target.mask_of_kinds(EdgeKind.NOISE, EdgeKind.SMALL))
         rank = np.array([list(KINDS).index(EdgeKind(kind)) for kind in map_at_target.edges.kind[shown]])
-        orders.append(shown[np.lexsort((map_at_target.edges.cdp[shown], rank))][: _MOST_ROWS // len(edge_map.each)])
+        orders.append(
+            shown[np.lexsort((map_at_target.edges.cdp[shown], ~map_at_target.is_certain[shown], rank))][
+                : _MOST_ROWS // len(edge_map.each)
+            ]
+        )
     return _edges_of(edge_map, source.unit, "edges", "Edges", orders).as_detail()
 
 

@@ -174,6 +174,8 @@ def _dataset(source: VideoSource, converter: Converter, part: PartRun) -> Datase
         journal.discard()
         number, finding = first_finding(columns) or (0, None)
         why = f"; frame {number}: {finding_text(finding)}" if finding is not None else ""
+        if measured is not None:
+            why += "; no target contrast was given, and a saturated region gives none: specify a contrast"
         raise InputError(f"{source.path}: no frame could be evaluated{why}")
     relative = bool(regions) and converter.unit == "relative"
     readings = [*reading_findings(columns, regions, converter, source.doubts)] if relative else None

@@ -163,7 +163,9 @@ def test_a_saturated_frame_gives_no_target_contrast(path):
     assert np.isnan(found.cdp.isel(frame=0)).all()
     assert np.isfinite(found.cdp.isel(frame=1)).all()
     path.with_name("1.png").unlink()
-    with pytest.raises(InputError, match=r"no frame could be evaluated; frame 0: region 'lamp' is \d+"):
+    with pytest.raises(
+        InputError, match=r"no frame could be evaluated; frame 0: region 'lamp' is .*: specify a contrast"
+    ):
         evaluate_video(path.parent, VideoSettings(None, (FULL, DARK), "fixed"))
 
 

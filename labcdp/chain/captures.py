@@ -7,16 +7,12 @@ from typing import Annotated, Any
 
 from ..core.disk.files import shown
 from ..core.errors import InputError
+from ..core.frame import FILTER_NAMES
 from ..core.photometry import QuantumEfficiency, as_quantum_efficiency
 from .parameters import Bits, ElectronRate, Fraction, FullWell, Noise, Number, Parameters, Ratio, SystemGain
 
-#: Planes of the 2 x 2 pixels of each colour filter, row by row from the upper left.
-PATTERNS = {
-    "RGGB": ("R", "G", "G", "B"),
-    "RCCB": ("R", "C", "C", "B"),
-    "RCCC": ("R", "C", "C", "C"),
-    "RGB-IR": ("R", "G", "IR", "B"),
-}
+#: Planes of the first 2 x 2 pixels of each colour filter, row by row.
+PATTERNS = {name: tuple(name) for name in FILTER_NAMES} | {"RGB-IR": ("R", "G", "IR", "B")}
 
 
 @dataclass(frozen=True)

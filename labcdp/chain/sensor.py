@@ -124,7 +124,8 @@ class Sensor(Sized):
     captures : tuple of CaptureSettings
         Captures of each exposure, that differ in photodiode, gain or time; none for one as above.
     colour_filter : str
-        ``RGGB``, ``RCCB``, ``RCCC`` or ``RGB-IR``, the filters of 2 x 2 pixels; empty for a monochrome sensor.
+        ``RGGB``, ``RCCB`` or ``RCCC``, the filters of the first 2 x 2 pixels, these shifted, or ``RGB-IR``; empty for a
+        monochrome sensor.
     planes : tuple of ColourPlane
         Quantum efficiency behind each filter, which then stands for that of the sensor.
     plane : str

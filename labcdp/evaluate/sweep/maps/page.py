@@ -115,7 +115,7 @@ def _dip(view: MapView, dip: SnrDip) -> Card:
     at = at_text(dip.at, view.map.axes)
     lines = [f"at {at}"] if at else []
     if dip.expected == dip.expected:
-        lines.append(f"change of exposure at {value_text(axis, dip.expected)}")
+        lines.append(f"hand-over at {value_text(axis, dip.expected)}")
     if dip.variable != "cdp" and dip.lowest_cdp == dip.lowest_cdp:
         lines.append(f"lowest CDP {dip.lowest_cdp:.3g}")
     name = f"Deepest dip of {VARIABLES[dip.variable].label}"

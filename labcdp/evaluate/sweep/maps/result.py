@@ -147,7 +147,7 @@ def dips_table(analysis: MapAnalysis, axes: Mapping[str, MapAxis]) -> Table:
         Column("depth_db", "depth", "dB", "20 log10 of the ratio of highest and lowest value.", decimals=1),
         Column("lowest_cdp", "lowest CDP", meaning="Lowest CDP until it recovers.", decimals=4),
         Column("lowest_cdp_at", "lowest CDP at", unit, "Where the CDP is lowest.", shown=False),
-        Column("expected", "change of exposure", unit, "Luminance of the change of exposure that explains the dip."),
+        Column("expected", "hand-over", unit, "Luminance of the hand-over of captures that explains the dip."),
     )  # fmt: skip
     # Of many sections only the deepest ones matter at a glance, which the page shows.
     several = len(analysis.usable_ranges) > 1

@@ -63,6 +63,15 @@ def open_meter(port: str, model: SerialMeterModel = "LS-110", identity: MeterIde
     ------
     MeterError
         If the port cannot be opened or no meter answers.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import MeterError, open_meter
+    >>> try:
+    ...     meter = open_meter("no-such-port", "LS-100")
+    ... except MeterError as error:
+    ...     print(type(error).__name__)
+    MeterNotFoundError
     """
     if not isinstance(port, str) or model not in DRIVERS:
         raise MeterError(

@@ -19,23 +19,59 @@ _log = logging.getLogger(__name__)
 
 
 class CameraError(DeviceError):
-    """A camera is absent, busy, lost or silent, or sent an incomplete frame."""
+    """A camera is absent, busy, lost or silent, or sent an incomplete frame.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import CameraError
+    >>> print(CameraError("no camera answers", "check its cable"))
+    no camera answers: check its cable
+    """
 
 
 class CameraNotFoundError(CameraError):
-    """No camera with that serial number, address or model answers."""
+    """No camera with that serial number, address or model answers.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import CameraError
+    >>> from labcdp.drivers.camera import CameraNotFoundError
+    >>> issubclass(CameraNotFoundError, CameraError)
+    True
+    """
 
 
 class CameraBusyError(CameraError):
-    """Another program controls the camera."""
+    """Another program controls the camera.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera import CameraBusyError
+    >>> print(CameraBusyError("another program controls the camera", "close it"))
+    another program controls the camera: close it
+    """
 
 
 class CameraLostError(CameraError):
-    """The camera stopped answering after it had been opened."""
+    """The camera stopped answering after it had been opened.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera import CameraLostError
+    >>> CameraLostError("the camera is lost", "check its cable").remedy
+    'check its cable'
+    """
 
 
 class FrameTimeoutError(CameraError):
-    """No frame arrived within the time-out although the camera answers."""
+    """No frame arrived within the time-out although the camera answers.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera import FrameTimeoutError
+    >>> FrameTimeoutError("no frame within 2 s", "check the trigger").cause
+    'no frame within 2 s'
+    """
 
 
 class IncompleteFrameError(CameraError):
@@ -55,6 +91,13 @@ class IncompleteFrameError(CameraError):
         The camera's own clock, if known.
     timestamp : datetime or None
         Host time of arrival, with time zone, if known.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera import IncompleteFrameError
+    >>> error = IncompleteFrameError("packets are missing", "check the cable", status="MISSING_PACKETS", frame_id=7)
+    >>> error.status, error.frame_id
+    ('MISSING_PACKETS', 7)
     """
 
     def __init__(
@@ -74,7 +117,14 @@ class IncompleteFrameError(CameraError):
 
 
 class CameraSettingError(CameraError):
-    """The camera lacks a setting or rejects its value: pixel format, exposure, or gain."""
+    """The camera lacks a setting or rejects its value: pixel format, exposure, or gain.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera import CameraSettingError
+    >>> print(CameraSettingError("the gain is 50 dB", "give 0 to 33 dB"))
+    the gain is 50 dB: give 0 to 33 dB
+    """
 
 
 @dataclass(frozen=True)
@@ -90,6 +140,12 @@ class StreamStatistics:
     resent, missing : int
         Packets resent on request, and packets that Aravis counts as missing: for an abandoned frame, all after its
         first gap.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera import StreamStatistics
+    >>> StreamStatistics(completed=99, failed=1).failed
+    1
     """
 
     completed: int = 0
@@ -111,6 +167,14 @@ class Gap:
         Duration by a monotonic clock.
     reason : str
         Symptom of the loss.
+
+    Examples
+    --------
+    >>> from datetime import UTC, datetime, timedelta
+    >>> from labcdp.drivers.camera import Gap
+    >>> lost_at = datetime(2026, 3, 1, 12, tzinfo=UTC)
+    >>> Gap(lost_at, lost_at + timedelta(seconds=3), duration_s=3.0, reason="no answer").duration_s
+    3.0
     """
 
     lost_at: datetime
@@ -135,6 +199,16 @@ class Camera(Device, Protocol):
     """Interface of all cameras: real, simulated in this process, or replayed.
 
     A camera is a context manager; its constructor does no I/O; `open` raises CameraNotFoundError or CameraBusyError.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import Camera, ReplayCamera
+    >>> from labcdp.session import Session, example_session
+    >>> def shortest_s(camera: Camera) -> float:
+    ...     with camera:
+    ...         return camera.exposure_range_s[0]
+    >>> shortest_s(ReplayCamera(Session.open(example_session())))
+    0.002
     """
 
     #: False for a recording, which has no frames but those that were kept.

@@ -30,6 +30,12 @@ class FeatureDescription:
         Lowest and highest value of a number; None if they are not known.
     choices : tuple of str
         Values of an enumeration.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera_settings import FeatureDescription
+    >>> FeatureDescription("Gain", 0.0, writable=True, unit="dB", limits=(0.0, 33.0)).limits
+    (0.0, 33.0)
     """
 
     name: str
@@ -51,6 +57,12 @@ class Trigger:
         for example ``Line1`` (SFNC TriggerSource).
     activation : {'RisingEdge', 'FallingEdge', 'AnyEdge', 'LevelHigh', 'LevelLow'}
         Active edge or level of the line (SFNC TriggerActivation); ignored for other sources.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera_settings import Trigger
+    >>> Trigger("Line1").activation
+    'RisingEdge'
     """
 
     source: str | None = None
@@ -71,6 +83,12 @@ class Region:
         First column and row.
     width, height : int
         Size.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera_settings import CameraSetup, Region
+    >>> CameraSetup(region=Region(x=100, y=40, width=640, height=480)).settings["region"].width
+    640
     """
 
     x: int
@@ -97,6 +115,12 @@ class CameraSetup:
         Trigger of an exposure.
     features : mapping of str to bool, int, float or str
         GenICam features by name, set last.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera_settings import CameraSetup
+    >>> CameraSetup(binning=(2, 2), black_level=4.0).settings
+    {'binning': (2, 2), 'black_level': 4.0}
     """
 
     binning: tuple[int, int] | None = None

@@ -43,6 +43,12 @@ class MeterAccuracy:
     ------
     InputError
         If a number is negative or not finite.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.manual import MeterAccuracy
+    >>> MeterAccuracy(scale_half_width_rel=0.03, repeatability_rel=0.002, digits=1).digits
+    1
     """
 
     scale_half_width_rel: float
@@ -75,6 +81,12 @@ class WrittenLuminance:
         Its unit, None if none was written.
     resolution : float
         Value of the last digit written.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.manual import WrittenLuminance
+    >>> WrittenLuminance(12.3, "cd/m2", resolution=0.1).resolution
+    0.1
     """
 
     value: float
@@ -96,6 +108,14 @@ def parse_written(text: str, *, comma_is_decimal: bool = False) -> WrittenLumina
     ------
     InputError
         If it is not a number of at least 0, is ambiguous, or has another unit.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.manual import parse_written
+    >>> parse_written("12,30 cd/m2")
+    WrittenLuminance(value=12.3, unit='cd/m2', resolution=0.01)
+    >>> parse_written("1,234", comma_is_decimal=True).value
+    1.234
     """
     fields = _WRITTEN.fullmatch(text)
     if fields is None:
@@ -116,7 +136,14 @@ def parse_written(text: str, *, comma_is_decimal: bool = False) -> WrittenLumina
 
 
 def parse_unit(text: str) -> WrittenUnit:
-    """Read ``cd/m2``, ``cd/m^2``, ``cd/m²`` or ``fL``, in capitals or not; raises InputError for anything else."""
+    """Read ``cd/m2``, ``cd/m^2``, ``cd/m²`` or ``fL``, in capitals or not; raises InputError for anything else.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.manual import parse_unit
+    >>> parse_unit("CD/M^2"), parse_unit("fl")
+    ('cd/m2', 'fL')
+    """
     unit = text.strip()
     if unit.lower() not in _UNITS:
         raise InputError(f"the unit {quoted(unit)} is not known: give cd/m2 or fL")
@@ -134,6 +161,16 @@ def reading_of(
     """Make a reading of a parsed luminance, at a time with time zone; `raw` is the text, for the record.
 
     The digit error is in units of the last digit written.
+
+    Examples
+    --------
+    >>> from datetime import UTC, datetime
+    >>> from labcdp.core.reading import MeterIdentity
+    >>> from labcdp.drivers.manual import MeterAccuracy, parse_written, reading_of
+    >>> text, meter = "12.3", MeterIdentity("L 1003", "4711")
+    >>> accuracy = MeterAccuracy(scale_half_width_rel=0.03, repeatability_rel=0.002, digits=2)
+    >>> reading_of(parse_written(text), "cd/m2", accuracy, meter, datetime.now(UTC), text).digits_half_width
+    0.2
     """
     return Reading(
         value=written.value,
@@ -152,7 +189,16 @@ def reading_of(
 
 
 def typed_reading(text: str, accuracy: MeterAccuracy, meter: MeterIdentity) -> Reading:
-    """Read what a person typed, in cd/m2 unless a unit was typed too; raises InputError as `parse_written`."""
+    """Read what a person typed, in cd/m2 unless a unit was typed too; raises InputError as `parse_written`.
+
+    Examples
+    --------
+    >>> from labcdp.core.reading import MeterIdentity
+    >>> from labcdp.drivers.manual import MeterAccuracy, typed_reading
+    >>> accuracy = MeterAccuracy(scale_half_width_rel=0.03, repeatability_rel=0.002, digits=1)
+    >>> typed_reading("12,3", accuracy, MeterIdentity("L 1003", "4711")).unit
+    'cd/m2'
+    """
     written = parse_written(text)
     return reading_of(written, written.unit or "cd/m2", accuracy, meter, datetime.now(UTC), text)
 

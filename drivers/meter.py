@@ -12,23 +12,63 @@ from .device import Device
 
 
 class MeterError(DeviceError):
-    """A luminance meter is absent or silent, or its answer is not a reading."""
+    """A luminance meter is absent or silent, or its answer is not a reading.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import MeterError
+    >>> print(MeterError("the meter is silent", "switch it on"))
+    the meter is silent: switch it on
+    """
 
 
 class MeterNotFoundError(MeterError):
-    """The serial port does not exist or cannot be opened."""
+    """The serial port does not exist or cannot be opened.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import open_meter
+    >>> from labcdp.drivers.meter import MeterNotFoundError
+    >>> try:
+    ...     open_meter("no-such-port")
+    ... except MeterNotFoundError as error:
+    ...     print(error.cause)
+    no-such-port
+    """
 
 
 class MeterTimeoutError(MeterError):
-    """The meter did not answer in time, or stopped in the middle of an answer."""
+    """The meter did not answer in time, or stopped in the middle of an answer.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.meter import MeterTimeoutError
+    >>> MeterTimeoutError("no answer within 2 s", "switch the meter on").remedy
+    'switch the meter on'
+    """
 
 
 class MeterProtocolError(MeterError):
-    """The meter violated its protocol."""
+    """The meter violated its protocol.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.meter import MeterProtocolError
+    >>> MeterProtocolError("the reply is 'OK??'", "check the model").cause
+    "the reply is 'OK??'"
+    """
 
 
 class MeterLostError(MeterError):
-    """The connection to an open meter was lost: its port disappeared."""
+    """The connection to an open meter was lost: its port disappeared.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import MeterError
+    >>> from labcdp.drivers.meter import MeterLostError
+    >>> issubclass(MeterLostError, MeterError)
+    True
+    """
 
 
 class MeterReportedError(MeterError):
@@ -42,6 +82,13 @@ class MeterReportedError(MeterError):
         Meaning of the code by the meter's manual.
     remedy : str
         Remedy.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.meter import MeterReportedError
+    >>> error = MeterReportedError("ER10", "the light is too bright", "use a filter")
+    >>> error.code, str(error)
+    ('ER10', 'ER10: the light is too bright: use a filter')
     """
 
     def __init__(self, code: str, meaning: str, remedy: str) -> None:
@@ -66,6 +113,13 @@ class MeterIncident:
         Problem.
     duration_s : float
         Time for which the meter was lost.
+
+    Examples
+    --------
+    >>> from datetime import UTC, datetime
+    >>> from labcdp.drivers.meter import MeterIncident
+    >>> MeterIncident("asked again", datetime(2026, 3, 1, tzinfo=UTC), "no answer", duration_s=0.0).kind
+    'asked again'
     """
 
     kind: MeterIncidentKind
@@ -78,6 +132,16 @@ class Meter(Device, Protocol):
     """Interface of all luminance meters: real, simulated, or replayed.
 
     A meter is a context manager; its constructor does no I/O; `open` raises MeterNotFoundError or MeterTimeoutError.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import Meter, ReplayMeter
+    >>> from labcdp.session import Session, example_session
+    >>> def luminance_cd_m2(meter: Meter) -> float:
+    ...     with meter:
+    ...         return meter.measure().luminance_cd_m2
+    >>> luminance_cd_m2(ReplayMeter(Session.open(example_session()))) > 0
+    True
     """
 
     @property
@@ -115,6 +179,18 @@ def require_mode(
     ------
     MeterError
         If the reading is in another mode.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.meter import MeterError, require_mode
+    >>> from labcdp.session import Session, example_session
+    >>> reading = Session.open(example_session()).readings()[0].reading
+    >>> require_mode(reading)  # a luminance with the preset correction
+    >>> try:
+    ...     require_mode(reading, ratio=True)
+    ... except MeterError as error:
+    ...     print(error.cause)
+    the meter gave a luminance, not a ratio in % (OK00,CcPH  0.50)
     """
     problems = {
         "a ratio in %": reading.unit == "%" and not ratio,
@@ -149,6 +225,16 @@ def measure_series(meter: Meter, n: int) -> ReadingSeries:
         If `n` is less than 1, or the readings have no mean, for example ratios in %.
     MeterError
         As `Meter.measure`.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import ReplayMeter
+    >>> from labcdp.drivers.meter import measure_series
+    >>> from labcdp.session import Session, example_session
+    >>> with ReplayMeter(Session.open(example_session())) as meter:
+    ...     series = measure_series(meter, 2)
+    >>> len(series.readings)
+    2
     """
     if n < 1:
         raise InputError(f"the number of readings is {n}: take at least 1")

@@ -48,6 +48,13 @@ class AravisCamera(Camera):
     ------
     InputError
         If `patience_s` is negative or not finite.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import AravisCamera
+    >>> camera = AravisCamera("50-0503363706", patience_s=10.0)  # connects when it is opened
+    >>> camera.live
+    True
     """
 
     live = True

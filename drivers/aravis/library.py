@@ -26,6 +26,12 @@ class CameraInfo:
         Name by which Aravis opens it; of a USB3 Vision camera it is not the serial number.
     mac : bytes
         Hardware address, where it was asked for.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import CameraInfo
+    >>> CameraInfo("Allied Vision", "Manta G-505B", "50-0503363706", "169.254.12.7", "GigEVision").serial
+    '50-0503363706'
     """
 
     vendor: str

@@ -228,13 +228,27 @@ class MinoltaLS(Meter):
 
 
 class MinoltaLS100(MinoltaLS):
-    """Konica Minolta LS-100, acceptance angle 1 degree; a `Meter`. Parameters as of `MinoltaLS`."""
+    """Konica Minolta LS-100, acceptance angle 1 degree; a `Meter`. Parameters as of `MinoltaLS`.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import MinoltaLS100
+    >>> MinoltaLS100("/dev/ttyUSB0").identity.model
+    'LS-100'
+    """
 
     data_sheet = LS100
 
 
 class MinoltaLS110(MinoltaLS):
-    """Konica Minolta LS-110, acceptance angle 1/3 degree; a `Meter`. Parameters as of `MinoltaLS`."""
+    """Konica Minolta LS-110, acceptance angle 1/3 degree; a `Meter`. Parameters as of `MinoltaLS`.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import MinoltaLS110
+    >>> MinoltaLS110("/dev/ttyUSB0").identity.model
+    'LS-110'
+    """
 
     data_sheet = LS110
 

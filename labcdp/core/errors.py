@@ -7,7 +7,14 @@ from math import inf
 
 
 def printable(text: str) -> str:
-    r"""Return the text with all control characters, and what else has no picture, escaped: ``\\x1b`` for ESC."""
+    r"""Return the text with all control characters, and what else has no picture, escaped: ``\\x1b`` for ESC.
+
+    Examples
+    --------
+    >>> from labcdp.core.errors import printable
+    >>> print(printable(chr(27) + "[2J"))
+    \x1b[2J
+    """
     return text if text.isprintable() else "".join(map(_escaped, text))
 
 
@@ -23,7 +30,14 @@ _SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def encodable(text: str) -> str:
-    r"""Return the text with what UTF-8 cannot encode escaped: ``\\xfc`` for a byte of a file name that is no UTF-8."""
+    r"""Return the text with what UTF-8 cannot encode escaped: ``\\xfc`` for a byte of a file name that is no UTF-8.
+
+    Examples
+    --------
+    >>> from labcdp.core.errors import encodable
+    >>> print(encodable("gr" + chr(0xDCFC) + "n.png"))
+    gr\xfcn.png
+    """
     return text if text.isascii() else _SURROGATE.sub(lambda found: _escaped(found[0]), text)
 
 
@@ -36,7 +50,14 @@ _MOST_CHARACTERS, _LAST = 2000, 300
 
 
 def short_words(text: str) -> str:
-    """Return the text with long words and quotes cut, such as paths and what a file or user gave, and itself."""
+    """Return the text with long words and quotes cut, such as paths and what a file or user gave, and itself.
+
+    Examples
+    --------
+    >>> from labcdp.core.errors import short_words
+    >>> len(short_words("x" * 100_000)) < 1000
+    True
+    """
     text = _WORD.sub(r"\1...\2", text)
     if len(text) > _MOST_CHARACTERS:
         text = f"{text[: _MOST_CHARACTERS - _LAST - 3]}...{text[-_LAST:]}"
@@ -49,7 +70,17 @@ def _short_quote(found: re.Match[str]) -> str:
 
 
 class LabcdpError(Exception):
-    """Base of every error labcdp raises on purpose: a short printable line, whatever a file or device says."""
+    """Base of every error labcdp raises on purpose: a short printable line, whatever a file or device says.
+
+    Examples
+    --------
+    >>> from labcdp import InputError, LabcdpError, Roi
+    >>> try:
+    ...     Roi.rectangle("road", 0, 0, 0, 10)
+    ... except LabcdpError as error:
+    ...     print(isinstance(error, InputError))
+    True
+    """
 
     def __str__(self) -> str:
         """Return the message."""
@@ -65,6 +96,12 @@ class InputError(LabcdpError, ValueError):
         What is wrong, and what to give.
     key : str
         Parameter with which the message begins; empty if it begins with none.
+
+    Examples
+    --------
+    >>> from labcdp import InputError
+    >>> InputError("epsilon is -1: give a fraction above 0", key="epsilon").problem
+    'is -1: give a fraction above 0'
     """
 
     def __init__(self, message: str = "", key: str = "") -> None:
@@ -78,19 +115,59 @@ class InputError(LabcdpError, ValueError):
 
 
 class ConfigurationError(InputError):
-    """A configuration file has an unknown key, or a value of the wrong type, unit or range."""
+    """A configuration file has an unknown key, or a value of the wrong type, unit or range.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Chain
+    >>> from labcdp.core.errors import ConfigurationError
+    >>> try:
+    ...     Chain.from_toml("[scene]", "my-chain.toml")
+    ... except ConfigurationError as error:
+    ...     print(error)
+    my-chain.toml: scene.type is missing: give one of flat, checkerboard, step-chart, patches, image
+    """
 
 
 class PredictionError(InputError):
-    """A chain cannot be predicted without random numbers, but it can be simulated."""
+    """A chain cannot be predicted without random numbers, but it can be simulated.
+
+    Examples
+    --------
+    >>> from labcdp.core.errors import InputError, PredictionError
+    >>> issubclass(PredictionError, InputError)
+    True
+    """
 
 
 class SessionError(LabcdpError):
-    """A recorded session is missing a file, was altered, or is in use."""
+    """A recorded session is missing a file, was altered, or is in use.
+
+    Examples
+    --------
+    >>> from labcdp.core.errors import SessionError
+    >>> from labcdp.session import Session
+    >>> try:
+    ...     Session.open("no-such-session")
+    ... except SessionError as error:
+    ...     print(error)
+    no-such-session is not a session: it has no journal.jsonl; give the folder of a session
+    """
 
 
 class CalibrationError(LabcdpError):
-    """The readings or frames do not support a calibration, or a calibration does not fit a frame."""
+    """The readings or frames do not support a calibration, or a calibration does not fit a frame.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import observe_patches
+    >>> from labcdp.core.errors import CalibrationError
+    >>> try:
+    ...     observe_patches([], [])
+    ... except CalibrationError as error:
+    ...     print(error)
+    there is no frame: give at least 2 frames of one exposure
+    """
 
 
 class DeviceError(LabcdpError):
@@ -102,6 +179,12 @@ class DeviceError(LabcdpError):
         What was observed.
     remedy : str or None
         What to do; the message has it after the cause.
+
+    Examples
+    --------
+    >>> from labcdp.core.errors import DeviceError
+    >>> print(DeviceError("the meter is silent", "switch it on"))
+    the meter is silent: switch it on
     """
 
     def __init__(self, cause: str, remedy: str | None = None) -> None:
@@ -111,7 +194,16 @@ class DeviceError(LabcdpError):
 
 
 def require_not_negative(**values: float | Iterable[float]) -> None:
-    """Raise InputError for a number, or one of several, that is negative or not finite; by its name."""
+    """Raise InputError for a number, or one of several, that is negative or not finite; by its name.
+
+    Examples
+    --------
+    >>> from labcdp.core.errors import require_not_negative
+    >>> require_not_negative(read_noise_e=-1.0)
+    Traceback (most recent call last):
+        ...
+    labcdp.core.errors.InputError: read_noise_e is -1: give 0 or a positive number
+    """
     for name, value in values.items():
         for number in value if isinstance(value, Iterable) else (value,):
             if not 0 <= number < inf:
@@ -120,7 +212,17 @@ def require_not_negative(**values: float | Iterable[float]) -> None:
 
 @contextmanager
 def naming(where: object, kind: type[LabcdpError] = InputError) -> Iterator[None]:
-    """Say first what an InputError is about, such as a file, its line or a key, and raise it as another kind."""
+    """Say first what an InputError is about, such as a file, its line or a key, and raise it as another kind.
+
+    Examples
+    --------
+    >>> from labcdp.core.errors import InputError, naming
+    >>> with naming("my-chain.toml"):
+    ...     raise InputError("bits is 40: give 1 to 24")
+    Traceback (most recent call last):
+        ...
+    labcdp.core.errors.InputError: my-chain.toml: bits is 40: give 1 to 24
+    """
     try:
         yield
     except InputError as error:

@@ -59,6 +59,12 @@ class CameraIdentity:
         As the camera reports them (GenICam ``DeviceVendorName``, ``DeviceModelName``, ``DeviceID``).
     simulated : bool
         True if the device is labcdp's simulated camera, however real the protocol.
+
+    Examples
+    --------
+    >>> from labcdp.core.frame import CameraIdentity
+    >>> print(CameraIdentity("Allied Vision", "Manta G-505B", "50-0503363706"))
+    Allied Vision Manta G-505B (50-0503363706)
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
@@ -89,6 +95,12 @@ class Readout:
         Whether columns and rows are in reverse order (SFNC ReverseX, ReverseY).
     sensor_size : (float, float) or None
         Width and height of the largest region (SFNC WidthMax, HeightMax); None if unknown.
+
+    Examples
+    --------
+    >>> from labcdp.core.frame import Readout
+    >>> Readout(x=100, y=40, binning=(2, 2)).parts["first pixel on the sensor"]
+    'column 100, row 40'
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
@@ -165,6 +177,12 @@ class BlackPattern:
         Rows of a group of pixels, which repeats from the first pixel of the frame on.
     columns, rows : tuple of float
         What all pixels of each column, and of each row, have in common besides; empty for nothing.
+
+    Examples
+    --------
+    >>> from labcdp.core.frame import BlackPattern
+    >>> BlackPattern(group=((-1.0, 1.0),)).offsets_dn((2, 4)).tolist()
+    [[-1.0, 1.0, -1.0, 1.0], [-1.0, 1.0, -1.0, 1.0]]
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
@@ -248,6 +266,14 @@ class DnLevels:
         Linear values that share a DN, by index: what rounding is relative to.
     index : ndarray of unsigned integers, shape (height, width)
         Index of each pixel.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.core.frame import DnLevels
+    >>> levels = DnLevels(np.array([0.0, 4.0]), np.ones(2), np.array([[1, 0]], dtype=np.uint8))
+    >>> levels.values_dn[levels.index].tolist()
+    [[4.0, 0.0]]
     """
 
     values_dn: NDArray[np.float64]
@@ -502,7 +528,16 @@ class Frame:
 
 
 def checked_metadata(metadata: dict[str, Any]) -> dict[str, Any]:
-    """Return metadata of a frame as they are, or raise InputError naming the key; `Frame` itself checks ranges."""
+    """Return metadata of a frame as they are, or raise InputError naming the key; `Frame` itself checks ranges.
+
+    Examples
+    --------
+    >>> from labcdp.core.frame import checked_metadata
+    >>> checked_metadata({"exposure_s": "long"})
+    Traceback (most recent call last):
+        ...
+    labcdp.core.errors.InputError: frame metadata cannot be read: key exposure_s: Input should be a valid number
+    """
     _recorded(metadata)
     return metadata
 
@@ -520,6 +555,12 @@ def recorded_curve(metadata: dict[str, Any], stated: Companding | None = None) -
     ------
     InputError
         If it is another one than that stated, or none is stated and none of its hash ships with labcdp.
+
+    Examples
+    --------
+    >>> from labcdp.core.frame import recorded_curve
+    >>> recorded_curve({"exposure_s": 0.01}) is None
+    True
     """
     recorded = metadata.get("companding")
     if recorded is None:
@@ -576,7 +617,14 @@ def luminance_pixels(colour_filter: str) -> tuple[tuple[int, int], ...]:
 
 
 def plane_positions(colour_filter: str) -> dict[str, tuple[int, int]]:
-    """Return row and column of each plane's pixel in the first 2 x 2, by the names of `PLANES`."""
+    """Return row and column of each plane's pixel in the first 2 x 2, by the names of `PLANES`.
+
+    Examples
+    --------
+    >>> from labcdp.core.frame import plane_positions
+    >>> plane_positions("RG")
+    {'R': (0, 0), 'Gr': (0, 1), 'Gb': (1, 0), 'B': (1, 1)}
+    """
     row, column = divmod(_RED_AT[colour_filter], 2)
     # Gr shares the row of R, Gb its column.
     places = ((row, column), (row, 1 - column), (1 - row, column), (1 - row, 1 - column))
@@ -584,7 +632,14 @@ def plane_positions(colour_filter: str) -> dict[str, tuple[int, int]]:
 
 
 def plane_group(colour_filter: str, levels: Sequence[float]) -> NDArray[np.float64]:
-    """Return values of the planes R, Gr, Gb and B by their places in the first 2 x 2 pixels."""
+    """Return values of the planes R, Gr, Gb and B by their places in the first 2 x 2 pixels.
+
+    Examples
+    --------
+    >>> from labcdp.core.frame import plane_group
+    >>> plane_group("BG", (1, 2, 3, 4)).tolist()
+    [[4.0, 3.0], [2.0, 1.0]]
+    """
     group = np.empty((2, 2))
     for position, level in zip(plane_positions(colour_filter).values(), levels, strict=True):
         group[position] = level
@@ -592,14 +647,28 @@ def plane_group(colour_filter: str, levels: Sequence[float]) -> NDArray[np.float
 
 
 def nominal_black_dn(stated_dn: float | None, register: float | None, bit_depth: int) -> float:
-    """Return the black level in DN that is stated, else a guess: a register in DN of 12 bits, as of a Manta; else 0."""
+    """Return the black level in DN that is stated, else a guess: a register in DN of 12 bits, as of a Manta; else 0.
+
+    Examples
+    --------
+    >>> from labcdp.core.frame import nominal_black_dn
+    >>> nominal_black_dn(None, register=4.0, bit_depth=8), nominal_black_dn(64.0, None, 12)
+    (0.25, 64.0)
+    """
     if stated_dn is not None:
         return stated_dn
     return (register or 0.0) * 2.0 ** (bit_depth - _REGISTER_BITS)
 
 
 def black_levels(metadata: dict[str, Any]) -> dict[str, float | None]:
-    """Return black level in DN and register of a frame's metadata, which once had one name for both."""
+    """Return black level in DN and register of a frame's metadata, which once had one name for both.
+
+    Examples
+    --------
+    >>> from labcdp.core.frame import black_levels
+    >>> black_levels({"black_level_dn": 64.0, "camera_timestamp_ns": 0})
+    {'black_level_dn': 64.0, 'black_level_register': None}
+    """
     stated = metadata["black_level_dn"]
     if "black_level_register" in metadata:
         return {"black_level_dn": stated, "black_level_register": metadata["black_level_register"]}
@@ -609,7 +678,17 @@ def black_levels(metadata: dict[str, Any]) -> dict[str, float | None]:
 
 
 def pixels_sha256(frame: Frame) -> str:
-    """Return a hash of shape, type, exposure and pixels, which noise makes unique to each frame."""
+    """Return a hash of shape, type, exposure and pixels, which noise makes unique to each frame.
+
+    Examples
+    --------
+    >>> from labcdp.core.frame import pixels_sha256
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> first, second = (session.load(record) for record in session.frames("dark")[:2])
+    >>> pixels_sha256(first) == pixels_sha256(second)
+    False
+    """
     digest = hashlib.sha256(f"{frame.shape} {frame.dn.dtype.name} {frame.exposure_s!r}".encode())
     digest.update(frame.dn.tobytes())
     return digest.hexdigest()

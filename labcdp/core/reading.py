@@ -33,6 +33,12 @@ class MeterIdentity:
         ISO date of the last calibration, None if unknown.
     simulated : bool
         True for labcdp's simulated meter.
+
+    Examples
+    --------
+    >>> from labcdp.core.reading import MeterIdentity
+    >>> MeterIdentity("LS-110", "73323007", calibration_date="2026-03-01").model
+    'LS-110'
     """
 
     __pydantic_config__: ClassVar[dict[str, Any]] = {"extra": "forbid"}
@@ -76,6 +82,14 @@ class Reading:
         Host time, with time zone.
     raw : str
         The reply as received, the text as typed or the row as read, for the record.
+
+    Examples
+    --------
+    >>> from labcdp.core.reading import MeterIdentity
+    >>> from labcdp.drivers.manual import MeterAccuracy, typed_reading
+    >>> reading = typed_reading("3.5 fL", MeterAccuracy(0.02, 0.001, digits=2), MeterIdentity("L 1003", "4711"))
+    >>> round(reading.luminance_cd_m2, 3), reading.resolution
+    (11.992, 0.1)
     """
 
     value: float
@@ -165,6 +179,15 @@ class ReadingSeries:
     ------
     InputError
         If there is no reading, one is a ratio in %, or units, meters or corrections differ.
+
+    Examples
+    --------
+    >>> from labcdp.core.reading import MeterIdentity, ReadingSeries
+    >>> from labcdp.drivers.manual import MeterAccuracy, typed_reading
+    >>> accuracy, meter = MeterAccuracy(0.02, 0.001, digits=2), MeterIdentity("L 1003", "4711")
+    >>> series = ReadingSeries(tuple(typed_reading(text, accuracy, meter) for text in ("9.9", "10.0", "10.1")))
+    >>> round(series.mean_cd_m2, 6), round(series.scatter_cd_m2, 6)
+    (10.0, 0.1)
     """
 
     readings: tuple[Reading, ...]

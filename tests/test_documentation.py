@@ -24,6 +24,7 @@ from labcdp.cli.commands import all_commands
 from labcdp.regions import RectangleShape, save_regions
 from labcdp.session import example_session
 
+from .chart_picture import make_picture
 from .evaluate.bench.synthetic import again
 from .evaluate.bench.test_tone_curve import bench_of
 from .files.conftest import write_dng
@@ -195,6 +196,8 @@ def reader(tmp_path_factory):
     cv2.imwrite(str(folder / "board.png"), board.astype(np.uint8))
     white, grey = RectangleShape("white", 160, 120, 60, 60), RectangleShape("grey", 260, 120, 60, 60)
     save_regions(folder / "rois.json", [white, grey], image_size=(480, 400))
+    for number in (1, 2):
+        make_picture(folder / f"chart-{number}.tif", seed=number)
     series_camera = SeriesCamera(exposures_s=(0.032,))
     write_bench(folder / "front", series_camera, encoding=None)
     rows, columns = series_camera.shape

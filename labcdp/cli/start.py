@@ -25,6 +25,7 @@ from ..evaluate.bench.session import evaluate_session
 from ..evaluate.bench.session_page import session_files
 from ..evaluate.bench.session_result import session_input, session_result
 from ..evaluate.camera.sensor import chain_text
+from ..evaluate.chart.chart_file import chart_template
 from ..evaluate.samples import sample_files
 from ..output import ResultsFolder, write_file
 from ..session import Session, SessionConfiguration, example_configuration
@@ -105,12 +106,13 @@ _TEMPLATES = {
     "bench": (example_configuration, "labcdp acquire {file} my-session --simulated"),
     "chain": (lambda: preset_text("manta-g505"), "labcdp simulate {file}"),
     "camera": (example_camera, "labcdp image PICTURE --camera-spec {file}"),
+    "chart": (lambda: chart_template("grid-6x6"), 'labcdp image PICTURE --chart {file} --corners "X,Y X,Y X,Y X,Y"'),
     "simulated-bench": (example_simulated_bench, "labcdp acquire PLAN rehearsal --simulated-bench {file}"),
 }
 
 
 def init(
-    template: Literal["bench", "chain", "camera", "simulated-bench", "samples"],
+    template: Literal["bench", "chain", "camera", "chart", "simulated-bench", "samples"],
     file: Path,
     *,
     preset: str | None = None,
@@ -126,12 +128,14 @@ def init(
     Parameters
     ----------
     template
-        bench: plan of an acquisition; chain: imaging chain; camera: camera specification; simulated-bench: its devices;
+        bench: plan of an acquisition; chain: imaging chain; camera: camera specification; chart: patches of a chart
+        and their values; simulated-bench: its devices;
         samples: night.png, drive.mp4 and rois.json, a computed street at night.
     file
         New TOML file to write, or folder for the samples.
     preset
-        For a chain: preset to start from, see labcdp presets; default: manta-g505.
+        For a chain: preset to start from, see labcdp presets; default: manta-g505. For a chart: step-20, grid-6x6,
+        circle-20 or thesis-2x2; default: grid-6x6.
     sensor
         For a chain: EMVA 1288 results for its sensor, from labcdp characterise (results.json or folder) or from a data
         sheet (TOML with a table emva1288); the preset gives the rest.
@@ -139,8 +143,9 @@ def init(
     if template != "samples":
         output_file(file, force, option="FILE")
     for option, given in (("--preset", preset), ("--sensor", sensor)):
-        if given is not None and template != "chain":
-            raise InputError(f"{option} is {str(given)!r}, but only a chain has one: leave it out")
+        has_one = template == "chain" or (template == "chart" and option == "--preset")
+        if given is not None and not has_one:
+            raise InputError(f"{option} is {str(given)!r}, but {template} has none: leave it out")
     if template == "samples":
         try:
             file.mkdir(parents=True, exist_ok=True)
@@ -155,7 +160,8 @@ def init(
     if sensor is not None:
         written = chain_text(preset or "manta-g505", sensor)
     else:
-        written = text() if preset is None else preset_text(preset)
+        named = chart_template if template == "chart" else preset_text
+        written = text() if preset is None else named(preset)
     write_file(file, written.encode(), force=force)
     _tell(template, file, following.format(file=shell_word(file)))
 

@@ -10,6 +10,7 @@ from .contrast import (
 from .correlation import variance_inflation
 from .detection import cdp
 from .distribution import Distribution, Region
+from .dynamic_range import DynamicRange, dynamic_range
 from .matrix import cdp_matrix
 from .neighbours.cdp import cdp_neighbours
 from .result import Cdp
@@ -23,6 +24,7 @@ __all__ = [
     "ContrastDistribution",
     "DetectionInterval",
     "Distribution",
+    "DynamicRange",
     "Epsilon",
     "Region",
     "cdp",
@@ -33,6 +35,7 @@ __all__ = [
     "contrast_histogram",
     "csnr",
     "d_prime",
+    "dynamic_range",
     "pixels_needed",
     "snr",
     "snr_10log10_db",

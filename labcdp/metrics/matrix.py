@@ -116,9 +116,23 @@ def cdp_matrix(
     >>> labcdp.cdp_matrix(patches).cdp.sel(bright="grey").values
     array([ 1., nan,  1.])
     """
+    return _matrix(_patches(regions), contrast, epsilon)
+
+
+def region_matrix(
+    regions: Mapping[str, NoisyRegion], contrast: MatrixContrasts = None, epsilon: Epsilon | str = 0.5
+) -> Dataset:
+    """Return the matrix of regions of one image as `cdp_matrix`, whose noise may be correlated from pixel to pixel."""
+    patches = [
+        _Patch(name, region.distribution, np.array(region.distribution.weights), region)
+        for name, region in regions.items()
+    ]
+    return _matrix(patches, contrast, epsilon)
+
+
+def _matrix(patches: Sequence[_Patch], contrast: MatrixContrasts, epsilon: Epsilon | str) -> Dataset:
     from xarray import Dataset
 
-    patches = _patches(regions)
     # As for `cdp`, the first of two regions with equal means is the bright one.
     means = np.array([patch.distribution.mean for patch in patches])
     swapped = means > means[:, None]

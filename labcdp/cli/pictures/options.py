@@ -193,9 +193,9 @@ def read_regions(options: PairOptions) -> tuple[tuple[Roi, ...], ImageSize | Non
     return rois_of(shapes), image_size, [file]
 
 
-def parse_pairs(options: PairOptions, rois: Sequence[Roi]) -> tuple[tuple[str, str], ...]:
+def parse_pairs(options: PairOptions, names: Sequence[str]) -> tuple[tuple[str, str], ...]:
     """Return the pairs that are given, each once; raises InputError."""
-    return tuple(dict.fromkeys(parse_pair(pair, [roi.name for roi in rois]) for pair in options.pair))
+    return tuple(dict.fromkeys(parse_pair(pair, names) for pair in options.pair))
 
 
 def require_kind(files: Sequence[Path], other: Callable[[Path, bytes], InputError | None]) -> None:

@@ -158,7 +158,7 @@ def _regions(
     if chosen.neighbours and (chosen.roi is not None or chosen.pair):
         raise InputError("--neighbours needs no regions: leave --roi and --pair out, or --neighbours")
     rois, image_size, _ = read_regions(chosen)
-    pairs, regions = parse_pairs(chosen, rois), {roi.name: roi for roi in rois}
+    pairs, regions = parse_pairs(chosen, [roi.name for roi in rois]), {roi.name: roi for roi in rois}
     if regions and not pairs:
         if len(regions) != 2:
             raise InputError(

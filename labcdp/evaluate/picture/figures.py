@@ -50,13 +50,16 @@ _MOST_BARS = 256
 def picture_figures(measured: MeasuredPicture, picture: Picture, luminance: LuminanceMap) -> list[ReportFigure]:
     """Draw a picture with its regions, the contrasts of its pairs, and the values of picture and regions."""
     panels = []
-    for pair in measured.contrasts:
+    # Of the many pairs of a chart its own figures show the CDP.
+    for pair in measured.contrasts if measured.chart is None else ():
         distribution, contrast = pair_distribution(pair, luminance), pair.contrast.value
         if distribution is not None:
             name = shortened(pair.name, 40)
             panels += [ContrastPanel(name, distribution, cdp, contrast) for cdp in _drawn(pair.cdp, contrast)]
     figures = [_picture(measured, luminance), *contrast_figures(panels[:_MOST_PANELS])]
-    if any(len(pair.cdp) > 1 and np.isfinite(pair.cdp.cdp).any() for pair in measured.contrasts):
+    if measured.chart is None and any(
+        len(pair.cdp) > 1 and np.isfinite(pair.cdp.cdp).any() for pair in measured.contrasts
+    ):
         figures.append(_curves([(pair.name, pair.cdp) for pair in measured.contrasts]))
     return [*figures, _values(measured, picture, luminance)]
 

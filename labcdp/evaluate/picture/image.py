@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
@@ -13,6 +13,9 @@ from ...metrics.region import RegionLight, evaluate_region
 from .converter import PictureSource
 from .neighbours import NeighbourPair, evaluate_neighbours
 from .settings import ImageSettings
+
+if TYPE_CHECKING:
+    from ..chart.measure import MeasuredChart
 
 #: Contrast of two regions, or of neighbouring pixels.
 AnyContrast: TypeAlias = Pair | NeighbourPair
@@ -42,6 +45,8 @@ class MeasuredPicture:
         Folder of its page next to the overview; empty for a single picture.
     failure : str
         Why it could not be evaluated.
+    chart : MeasuredChart or None
+        Its chart, if one was asked for.
     """
 
     file: str
@@ -53,6 +58,7 @@ class MeasuredPicture:
     number: int = 1
     folder: str = ""
     failure: str = ""
+    chart: MeasuredChart | None = None
 
     @property
     def contrasts(self) -> tuple[AnyContrast, ...]:
@@ -84,7 +90,10 @@ def measure_picture(luminance: LuminanceMap, source: PictureSource, settings: Im
     """
     rois = {roi.name: roi for roi in settings.rois}
     targets = settings.contrasts, settings.epsilon
-    pairs = [evaluate_pair(luminance, rois[a], rois[b], *targets) for a, b in settings.chosen_pairs]
+    pairs = [
+        evaluate_pair(luminance, rois[a], rois[b], settings.target_contrasts(a, b), settings.epsilon)
+        for a, b in settings.chosen_pairs
+    ]
     evaluated = {region.roi.name: region for pair in pairs for region in (pair.a, pair.b)}
     regions = [evaluated.get(name) or evaluate_region(luminance, roi) for name, roi in rois.items()]
     neighbours = None
@@ -100,7 +109,15 @@ def measure_picture(luminance: LuminanceMap, source: PictureSource, settings: Im
     ]
     findings += _pair_findings(pairs)
     findings += neighbours.findings if neighbours is not None else ()
-    return MeasuredPicture(str(source.path), source, tuple(regions), tuple(pairs), neighbours, unique(findings))
+    chart = None
+    if settings.chart is not None:
+        from ..chart.measure import measure_chart
+
+        chart = measure_chart(luminance, source.unit, settings.chart, settings.rois, *targets, settings.cdp_limit)
+        findings += chart.findings
+    return MeasuredPicture(
+        str(source.path), source, tuple(regions), tuple(pairs), neighbours, unique(findings), chart=chart
+    )
 
 
 def _pair_findings(pairs: Sequence[Pair]) -> list[Finding]:

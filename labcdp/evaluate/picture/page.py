@@ -56,11 +56,23 @@ def picture_page(
     values = named.pop("values.png")
     details: list[Block] = [*named.values()]
     for table in result.tables_named("cdp"):
-        lead.append(_short(table))
+        if picture.chart is None:
+            lead.append(_short(table))
         details.append(table)
+    cards = [*requirement_cards(result), *_cards(picture, limit)]
+    of_chart: list[Section] = []
+    if picture.chart is not None:
+        from ..chart.figures import luminance_figure, matrix_figure, range_cards
+
+        cards = [*requirement_cards(result), *range_cards(picture.chart)]
+        lead += result.tables_named("dynamic_range")
+        figure = luminance_figure([(picture.file, picture.chart)])
+        blocks: list[Block] = [figure, matrix_figure(picture.chart), *result.tables_named("chart")]
+        of_chart = [Section("Chart", blocks)]
     links = [Links([("The luminance as a surface that can be turned", "surface.html")])] if surface else []
     sections = [
         *(Section("Requirement", [table]) for table in result.tables_named("requirement")),
+        *of_chart,
         Section("Contrasts", details),
         Section("Regions and values", [*result.tables_named("regions"), values]),
         *(Section("Surface", [link]) for link in links),
@@ -70,7 +82,7 @@ def picture_page(
         Page.of(
             result,
             "Contrast detection probability (CDP) of a picture",
-            cards=[*requirement_cards(result), *_cards(picture, limit)],
+            cards=cards,
             lead=lead,
             sections=sections,
         )

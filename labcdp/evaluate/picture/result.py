@@ -41,6 +41,7 @@ def evaluate_picture(
     files = [file.path for file in settings.inputs if file.role == "regions"]
     require_on_image(settings.rois, settings.image_size, (width, height), *files)
     luminance = converter.luminance(picture)
+    settings = settings.located(luminance)
     measured = measure_picture(luminance, converter.source(picture), settings)
     pairs = [(pair.bright_region.roi, pair.dark_region.roi) for pair in measured.pairs]
     findings = converter.with_pairs(measured.findings, picture, luminance, pairs)
@@ -76,7 +77,17 @@ def image_result(pictures: Sequence[MeasuredPicture], settings: ImageSettings) -
         judgement = judged_pairs(settings.requirement, seen_contrasts(pictures, several))
         tables.insert(0, judgement.table)
         findings = unique([*findings, *judgement.findings])
-    tables += [region_table(pictures, several), picture_table(pictures, several)]
+    charts = [(picture.file, picture.chart) for picture in pictures if picture.chart is not None]
+    if charts:
+        from ..chart.tables import matrix_tables, patch_table, range_table
+
+        # Pairs and regions of a chart are many.
+        tables = [range_table(charts, several), *(table.as_detail() for table in tables)]
+        tables.append(patch_table(charts, several))
+        # Of several pictures each has its page with the matrix.
+        tables += matrix_tables(charts[0][1]) if not several else ()
+    regions = region_table(pictures, several)
+    tables += [regions.as_detail() if charts else regions, picture_table(pictures, several)]
     if several and contrasts is not None and len(pictures) <= _MOST_PICTURES:
         tables += matrices(pictures, settings, contrasts)
     return Result(

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
 from ...core.errors import InputError
+from ...core.luminance import LuminanceMap
 from ...core.result import InputFile
 from ...core.roi import Rectangle, Roi
 from ...files.picture import OF_VALUES
@@ -14,6 +15,7 @@ from ..verdict import CDP_LIMIT, require_limit
 from .converter import RELATIVE, Converter
 
 if TYPE_CHECKING:
+    from ...regions.chart import Chart
     from ..requirement import Requirement
 
 #: Most regions for all pairs; with more, pairs must be selected.
@@ -44,6 +46,9 @@ class ImageSettings:
         CDP from which a contrast counts as detected.
     requirement : Requirement or None
         Requirement by which pairs are judged, with contrast, tolerance and limit of its own.
+    chart : Chart or None
+        Chart whose patches the regions are; without regions they are found by its marks in each picture. All its
+        patches are compared with all, and pairs are by default those next to each other in stated luminance.
     converter : Converter
         Converter of values to luminance; relative by default.
     image_size : (int, int) or None
@@ -73,13 +78,14 @@ class ImageSettings:
     rectangle: Rectangle | None = None
     cdp_limit: float = CDP_LIMIT
     requirement: Requirement | None = None
+    chart: Chart | None = None
     converter: Converter = RELATIVE
     image_size: tuple[int, int] | None = None
     inputs: tuple[InputFile, ...] = ()
 
     def __post_init__(self) -> None:
         require_limit(self.cdp_limit)
-        names = [roi.name for roi in self.rois]
+        names = [roi.name for roi in self.rois] if self.chart is None else self.chart.names
         if not names and not self.neighbours:
             raise InputError("no evaluation was chosen: give regions, or ask for the nearest-neighbour CDP")
         for pair in self.pairs or ():
@@ -90,7 +96,7 @@ class ImageSettings:
                 raise InputError(f"region {pair[0]!r} is paired with itself: give two regions")
         if self.pairs is None and len(names) == 1 and not self.neighbours:
             raise InputError(f"region {names[0]!r} is the only one: a contrast needs two regions")
-        if self.pairs is None and len(names) > MOST_REGIONS_FOR_ALL_PAIRS:
+        if self.pairs is None and self.chart is None and len(names) > MOST_REGIONS_FOR_ALL_PAIRS:
             raise InputError(
                 f"{len(names)} regions make {len(names) * (len(names) - 1) // 2} pairs: choose pairs among "
                 f"{', '.join(names)}"
@@ -105,6 +111,7 @@ class ImageSettings:
         return {
             **{name: getattr(self, name) for name in names},
             "pairs": self.chosen_pairs,
+            **({} if self.chart is None else {"chart": self.chart.name}),
             **required,
             "conversion": self.converter.description,
             "encoding": options.override("encoding"),
@@ -117,9 +124,28 @@ class ImageSettings:
     @property
     def chosen_pairs(self) -> tuple[tuple[str, str], ...]:
         """Names of the pairs, each pair once."""
+        if self.pairs is None and self.chart is not None:
+            return self.chart.neighbouring_pairs
         if self.pairs is None:
             return tuple(combinations((roi.name for roi in self.rois), 2))
         first: dict[frozenset[str], tuple[str, str]] = {}
         for pair in self.pairs:
             first.setdefault(frozenset(pair), pair)
         return tuple(first.values())
+
+    def located(self, luminance: LuminanceMap) -> ImageSettings:
+        """Return the settings with the patches of the chart where its marks are in a picture; raises InputError."""
+        if self.chart is None or self.rois:
+            return self
+        rois = self.chart.found(luminance.luminance_cd_m2)
+        scaled = (tuple((x * luminance.step, y * luminance.step) for x, y in roi.corners) for roi in rois)
+        return replace(
+            self, rois=tuple(replace(roi, corners=corners) for roi, corners in zip(rois, scaled, strict=True))
+        )
+
+    def target_contrasts(self, bright: str, dark: str) -> tuple[float, ...] | None:
+        """Return the contrasts to be detected of a pair; None for the measured one."""
+        if self.contrasts is not None or self.chart is None:
+            return self.contrasts
+        stated = self.chart.contrast(bright, dark)
+        return None if stated is None else (stated,)

@@ -220,6 +220,11 @@ def overview_page(result: Result, pictures: Sequence[MeasuredPicture], conversio
     cards: list[Card] = []
     lead: list[Block] = []
     sections = [Section("Requirement", [table]) for table in result.tables_named("requirement")]
+    charts = [(picture.file, picture.chart) for picture in pictures if picture.chart is not None]
+    if charts:
+        from ..chart.figures import luminance_figure
+
+        sections.append(Section("Chart", [luminance_figure(charts), *result.tables_named("dynamic_range")]))
     # Neighbours without light have no contrast at all.
     for cdp in result.tables_named("cdp"):
         summary, limit = result.table("over_pictures"), cdp["cdp_limit"][0]

@@ -58,7 +58,12 @@ _TOLERANCE = (
 )  # fmt: skip
 _PAIRS = Column("pairs", "pairs", "", "Pairs of neighbouring pixels.", shown=False)
 _INFLATION = Column("correlation_inflation", "inflation", "", "Factor on u due to correlated noise.", shown=False)
-_ORIGIN = Column("contrast_origin", "origin", "", "Where the target contrast comes from: given or measured.")
+_ORIGIN = Column(
+    "contrast_origin",
+    "origin",
+    "",
+    "Where the target contrast comes from: given, measured, or the stated values of a chart.",
+)
 _CDP_COLUMNS = (
     _NAME, *_REGIONS, _MEASURED, *_UNCERTAINTY, TARGET, _ORIGIN, *_DETECTED, LIMIT, VERDICT, *SHARES, *CSNR,
     *_TOLERANCE, _PAIRS, _INFLATION,
@@ -86,8 +91,8 @@ def cdp_table(pictures: Sequence[MeasuredPicture], several: bool, limit: float) 
                 cdps.append(cdp)
     pairs = [contrast if isinstance(contrast, Pair) else None for contrast in contrasts]
     origins = [
-        None if cdp is None else "measured" if contrast.targets_measured_contrast else "given"
-        for contrast, cdp in zip(contrasts, cdps, strict=True)
+        None if cdp is None else "measured" if contrast.targets_measured_contrast else _given(picture)
+        for picture, contrast, cdp in zip(in_row, contrasts, cdps, strict=True)
     ]
     data = {
         **values_of(_PICTURE, in_row),
@@ -108,7 +113,7 @@ def cdp_table(pictures: Sequence[MeasuredPicture], several: bool, limit: float) 
             for pair, cdp in zip(pairs, cdps, strict=True)
         ],
     }
-    measured = "measured" in origins
+    measured = not {"measured", "chart"}.isdisjoint(origins)
     hidden = set() if measured else {_ORIGIN.name}
     if not any(pairs):
         hidden.add("csnr")
@@ -123,6 +128,10 @@ def cdp_table(pictures: Sequence[MeasuredPicture], several: bool, limit: float) 
         for column in _CDP_COLUMNS
     ]
     return Table.from_data("cdp", "Contrast detection probability", _with_picture(columns, several), data, _CDP_NOTE)
+
+
+def _given(picture: MeasuredPicture) -> str:
+    return "chart" if picture.chart is not None and picture.chart.targets_stated else "given"
 
 
 def _tolerance(cdp: Cdp[float] | None, side: str) -> float | None:

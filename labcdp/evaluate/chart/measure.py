@@ -1,0 +1,260 @@
+"""What a picture of a chart tells of a camera: all patches against all, and its dynamic range."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...core.luminance import LuminanceMap
+from ...core.quantity import Quantity
+from ...core.result import Finding, info, warning
+from ...core.roi import Roi
+from ...metrics.contrast import Epsilon
+from ...metrics.dynamic_range import DynamicRange, dynamic_range
+from ...metrics.matrix import MatrixContrasts, region_matrix
+from ...metrics.region import RegionLight, RegionPixels, measure_region
+from ...regions.chart import Chart
+
+if TYPE_CHECKING:
+    from xarray import Dataset
+
+#: Signal-to-noise ratios between which the range is stated, as measurements of dynamic range have them.
+SNR_LIMITS = (1.0, 2.0, 4.0, 10.0)
+#: Least contrast-to-noise ratio of neighbouring patches: their difference is as large as the noise.
+CNR_LIMIT = 1.0
+_Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ChartRange:
+    """Dynamic range by one figure of merit.
+
+    Parameters
+    ----------
+    figure : {'SNR', 'CNR', 'CDP'}
+        The figure of merit: of each patch, or of two patches next to each other in luminance.
+    without_glare : bool
+        Whether the veiling glare was subtracted from the signal.
+    range : DynamicRange
+        The range.
+    """
+
+    figure: str
+    without_glare: bool
+    range: DynamicRange
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredChart:
+    """A chart in a picture.
+
+    Parameters
+    ----------
+    chart : Chart
+        The chart.
+    regions : tuple of RegionLight
+        Its patches, in their order.
+    luminance : ndarray of float, shape (n,)
+        Luminance of each patch on the axis of the ranges: the stated ones, or where they are not stated the measured
+        ones; nan of black patches.
+    unit : str
+        Its unit.
+    saturated : ndarray of bool, shape (n,)
+        Which patches are saturated or clipped.
+    matrix : xarray.Dataset
+        As `labcdp.cdp_matrix`; nan where a patch is saturated.
+    ranges : tuple of ChartRange
+        Dynamic ranges.
+    glare : Quantity or None
+        Veiling glare, in `unit`; None if the chart has no black patch.
+    targets_stated : bool
+        Whether the target contrasts are those of the stated values.
+    findings : tuple of Finding
+        Findings on the chart.
+    """
+
+    chart: Chart
+    regions: tuple[RegionLight, ...]
+    luminance: _Array
+    unit: str
+    saturated: NDArray[np.bool_]
+    matrix: Dataset
+    ranges: tuple[ChartRange, ...]
+    glare: Quantity | None
+    targets_stated: bool
+    findings: tuple[Finding, ...]
+
+
+def measure_chart(
+    luminance: LuminanceMap,
+    unit: str,
+    chart: Chart,
+    rois: Sequence[Roi],
+    contrasts: Sequence[float] | None,
+    epsilon: Epsilon,
+    cdp_limit: float,
+) -> MeasuredChart:
+    """Measure a chart in a picture.
+
+    Parameters
+    ----------
+    luminance : LuminanceMap
+        The picture.
+    unit : str
+        Unit of the map.
+    chart : Chart
+        The chart.
+    rois : sequence of Roi
+        Its patches in the picture, by their names.
+    contrasts : sequence of float or None
+        Target contrasts; None for those of the chart's stated values, or without them the measured ones.
+    epsilon : float or DetectionInterval
+        Their tolerance.
+    cdp_limit : float
+        CDP from which a contrast counts as detected, for the dynamic range by CDP.
+
+    Notes
+    -----
+    The figures of merit are SNR of each patch, with the mean as it is and, where the chart has a black patch, less the
+    veiling glare seen there; and of patches next to each other in luminance CNR and CDP, at the luminance of the darker
+    one. As stated luminances have no part in the figures, their uncertainties move the ends of a range, and not its
+    ratio more than those of two patches.
+    """
+    pixels = {roi.name: RegionPixels.from_map(luminance, roi) for roi in rois}
+    regions = tuple(measure_region(region) for region in pixels.values())
+    saturated = np.array([bool(region.bound) for region in regions])
+    stated = chart.luminances()
+    by_chart = chart.is_stated and all(
+        region.roi.name in stated for region in regions if not _is_black(chart, region.roi.name)
+    )
+    targets: MatrixContrasts = contrasts
+    if contrasts is None and by_chart and len(stated) == len(regions):
+        targets = {name: quantity.value for name, quantity in stated.items()}
+    means = np.array([region.mean for region in regions])
+    axis = np.array([stated[r.roi.name].value if by_chart and r.roi.name in stated else r.mean for r in regions])
+    clipped = _clipped(regions, means) & ~saturated
+    saturated |= clipped
+    matrix = _without_saturated(region_matrix(pixels, targets, epsilon), saturated)
+    black = np.array([_is_black(chart, region.roi.name) for region in regions])
+    findings: list[Finding] = []
+    glare_measured = _glare(regions, black, saturated)
+    scale = _scale(means, axis, ~black & ~saturated) if by_chart else 1.0
+    glare = None if glare_measured is None else Quantity(glare_measured.value / scale, glare_measured.u / scale)
+    if glare is not None:
+        findings.append(info("chart-glare", glare=glare.value, U=glare.U, unit=chart.unit if by_chart else unit))
+    if not by_chart:
+        findings.append(warning("chart-not-stated"))
+    if clipped.any():
+        names = [region.roi.name for region, is_clipped in zip(regions, clipped, strict=True) if is_clipped]
+        findings.append(warning("chart-clipped", patches=names))
+    order = [at for at in np.argsort(-axis, kind="stable").tolist() if not black[at] and axis[at] > 0]
+    ranges = _ranges(regions, axis, matrix, order, saturated, glare_measured, cdp_limit)
+    return MeasuredChart(
+        chart, regions, np.where(black, nan, axis), chart.unit if by_chart else unit, saturated, matrix, ranges, glare,
+        isinstance(targets, dict), tuple(findings),
+    )  # fmt: skip
+
+
+def _is_black(chart: Chart, name: str) -> bool:
+    return any(patch.black for patch in chart.patches if patch.roi.name == name)
+
+
+def _clipped(regions: Sequence[RegionLight], means: _Array) -> NDArray[np.bool_]:
+    """Which patches are as bright as the brightest one, which has no noise at all: a full well, or a converter, clips.
+
+    Noise is never 0 in light, and a file need not state from which DN on its pixels are saturated.
+    """
+    brightest = int(np.argmax(means))
+    if regions[brightest].std > 0:
+        return np.zeros(means.shape, dtype=np.bool_)
+    clipped: NDArray[np.bool_] = means >= means[brightest] * (1 - 1e-9)
+    return clipped
+
+
+def _without_saturated(matrix: Dataset, saturated: NDArray[np.bool_]) -> Dataset:
+    """Leave out pairs of a saturated patch: what clipping takes from the noise is no contrast."""
+    from xarray import DataArray
+
+    apart = ~(saturated[:, None] | saturated)
+    known = DataArray(apart, dims=("bright", "dark"))
+    return matrix.assign(
+        {
+            name: variable if variable.dtype == bool else variable.where(known)
+            for name, variable in matrix.data_vars.items()
+        }
+    )
+
+
+def _glare(regions: Sequence[RegionLight], black: NDArray[np.bool_], saturated: NDArray[np.bool_]) -> Quantity | None:
+    """Mean of the black patches that are not saturated, in the unit of the picture; None if there is none."""
+    seen = [region for region, is_black, full in zip(regions, black, saturated, strict=True) if is_black and not full]
+    if not seen:
+        return None
+    means = np.array([region.mean for region in seen])
+    scatter = float(means.std(ddof=1)) if len(seen) > 1 else 0.0
+    u = float(np.hypot(scatter, np.nan_to_num([region.u for region in seen]).max())) / np.sqrt(len(seen))
+    return Quantity(max(float(means.mean()), 0.0), u)
+
+
+def _scale(means: _Array, axis: _Array, usable: NDArray[np.bool_]) -> float:
+    """Measured over stated luminance of the brightest patches, which glare changes least."""
+    bright = np.flatnonzero(usable)[np.argsort(-axis[usable])[:3]]
+    return float(np.median(means[bright] / axis[bright])) if bright.size else 1.0
+
+
+def _ranges(
+    regions: Sequence[RegionLight],
+    axis: _Array,
+    matrix: Dataset,
+    order: list[int],
+    saturated: NDArray[np.bool_],
+    glare: Quantity | None,
+    cdp_limit: float,
+) -> tuple[ChartRange, ...]:
+    """Return the ranges by all figures, of patches in their order from the brightest one on."""
+    if len(order) < 2:
+        return ()
+    levels, full = axis[order], saturated[order]
+    means = np.array([regions[at].mean for at in order])
+    end = _saturation(levels, means - (0.0 if glare is None else glare.value), full)
+    snr = np.array([regions[at].snr.value for at in order])
+    u_snr = np.array([regions[at].snr.u for at in order])
+    signals = [(False, snr)]
+    if glare is not None:
+        signals.append((True, snr * np.maximum(1 - glare.value / means, 0.0)))
+    ranges = [
+        ChartRange("SNR", without, dynamic_range(levels, values, k, u_snr, saturated=full, saturation=end))
+        for without, values in signals
+        for k in SNR_LIMITS
+    ]
+    if len(order) < 3:
+        return tuple(ranges)
+    bright, dark = order[:-1], order[1:]
+    first = matrix.isel(contrast=0) if "contrast" in matrix["cdp"].dims else matrix
+    figures = {name: first[name].values[bright, dark] for name in ("cnr", "u_cnr", "cdp", "u_cdp")}
+    # At the luminance of the darker patch, of a pair whose brighter one is clipped nothing is known.
+    full = saturated[bright] | saturated[dark]
+    cnr = dynamic_range(axis[dark], figures["cnr"], CNR_LIMIT, figures["u_cnr"], saturated=full)
+    cdp = dynamic_range(axis[dark], figures["cdp"], cdp_limit, figures["u_cdp"], saturated=full, logarithmic=False)
+    return (*ranges, ChartRange("CNR", False, cnr), ChartRange("CDP", False, cdp))
+
+
+def _saturation(levels: _Array, light: _Array, full: NDArray[np.bool_]) -> float | None:
+    """Luminance at which the mean of a patch would be that of the saturated ones; None if none is saturated.
+
+    Beyond the brightest patch that is not saturated, light and mean rise in proportion.
+    """
+    lit = np.flatnonzero(~full & (light > 0))
+    if not full.any() or not lit.size:
+        return None
+    last = lit[0]
+    beyond = levels[full & (levels > levels[last])]
+    if not beyond.size:
+        return None
+    # A patch that is saturated in part has a mean below the level at which all of it would be.
+    return float(np.clip(levels[last] * light[full].max() / light[last], levels[last], beyond.min()))

@@ -1,0 +1,186 @@
+"""Charts in pictures that plain NumPy makes: dynamic range, matrix, and where patches are found."""
+
+import json
+
+import cv2
+import numpy as np
+import pytest
+
+import labcdp as package
+from labcdp.core.errors import InputError
+from labcdp.evaluate.chart.chart_file import chart_names, chart_template, load_chart
+from labcdp.regions.chart import perspective
+
+from ...chart_picture import (
+    BLACK_DN,
+    CORNERS,
+    FULL_E,
+    K_DN_PER_E,
+    LEFT,
+    READ_E,
+    SIDE,
+    TOP,
+    WHITE_E,
+    make_picture,
+    stated_density,
+)
+
+
+def evaluate(run, tmp_path, *options, picture="chart.tif"):
+    stated = ("--bit-depth", "12", "--black-level", BLACK_DN, "--no-vignetting")
+    args = ["image", tmp_path / picture, *stated, "--output", tmp_path / "out"]
+    done = run(*map(str, (*args, *options)))
+    assert done.returncode == 0, done.stderr
+    return json.loads((tmp_path / "out" / "results.json").read_text())
+
+
+def corners_text(corners):
+    return " ".join(f"{x},{y}" for x, y in corners)
+
+
+@pytest.fixture
+def chart_path(tmp_path):
+    (tmp_path / "chart.toml").write_text(chart_template("grid-6x6"))
+    return tmp_path / "chart.toml"
+
+
+def low_end(limit, background_e2):
+    """Share of white at which the SNR has a limit, in closed form."""
+    return (limit**2 + np.sqrt(limit**4 + 4 * limit**2 * background_e2)) / 2 / WHITE_E
+
+
+def test_dynamic_range_of_a_simulated_chart_is_that_of_its_closed_form(labcdp, tmp_path, chart_path):
+    make_picture(tmp_path / "chart.tif")
+    result = evaluate(labcdp, tmp_path, "--chart", chart_path, "--corners", corners_text(CORNERS), "--no-pages")
+    ranges = {(row["figure"], row["limit"]): row for row in result["tables"]["dynamic_range"]["rows"]}
+    rounding_e2 = 1 / 12 / K_DN_PER_E**2
+    for limit in (2, 4, 10):
+        row = ranges["SNR", limit]
+        true = low_end(limit, READ_E**2 + rounding_e2)
+        assert abs(np.log2(row["low"] / true)) < 0.05
+        assert abs(row["range_stops"] - np.log2(FULL_E / WHITE_E / true)) < 0.05
+        assert row["high_reason"].startswith("saturated")
+    assert ranges["SNR", 1]["range_stops_bound"] == ">"
+
+
+def test_matrix_equals_single_pairs_and_targets_are_those_of_the_chart(labcdp, tmp_path, chart_path):
+    dn = make_picture(tmp_path / "chart.tif")
+    result = evaluate(labcdp, tmp_path, "--chart", chart_path, "--corners", corners_text(CORNERS), "--no-pages")
+    matrix = result["tables"]["cdp matrix"]["rows"]
+    inset = round(0.2 * SIDE)
+
+    def pixels(patch):
+        row, column = divmod(patch, 6)
+        y, x = TOP + row * SIDE, LEFT + column * SIDE
+        return dn[y + inset : y + SIDE - inset, x + inset : x + SIDE - inset].astype(float) - BLACK_DN
+
+    for bright, dark in ((8, 20), (10, 11), (3, 30)):
+        stated = 10 ** (stated_density(dark) - stated_density(bright)) - 1
+        expected = package.cdp(pixels(bright), pixels(dark), stated)
+        assert matrix[bright][f"patch_{dark + 1}"] == pytest.approx(expected.cdp, abs=1e-12)
+    contrast = result["tables"]["contrast matrix"]["rows"][8]["patch_21"]
+    assert contrast == pytest.approx(10**1.2 - 1, rel=1e-9)
+
+
+def test_saturated_patches_have_no_cdp(labcdp, tmp_path, chart_path):
+    make_picture(tmp_path / "chart.tif")
+    result = evaluate(labcdp, tmp_path, "--chart", chart_path, "--corners", corners_text(CORNERS), "--no-pages")
+    assert {finding["code"] for finding in result["findings"]} >= {"chart-clipped"}
+    assert set(list(result["tables"]["cdp matrix"]["rows"][0].values())[1:]) == {None}
+
+
+def test_glare_seen_of_a_black_patch_is_taken_off(labcdp, tmp_path, chart_path):
+    chart_path.write_text(chart_path.read_text().replace('name = "F6"', 'name = "F6"\nblack = true'))
+    glare_e = 80.0
+    make_picture(tmp_path / "chart.tif", glare_e=glare_e, black_e=0.0)
+    result = evaluate(labcdp, tmp_path, "--chart", chart_path, "--corners", corners_text(CORNERS), "--no-pages")
+    glare = next(finding for finding in result["findings"] if finding["code"] == "chart-glare")
+    assert glare["values"]["glare"] == pytest.approx(glare_e / WHITE_E, rel=0.02)
+    ranges = {(row["figure"], row["limit"]): row for row in result["tables"]["dynamic_range"]["rows"]}
+    true = low_end(4, READ_E**2 + 1 / 12 / K_DN_PER_E**2 + glare_e)
+    assert abs(np.log2(ranges["SNR without glare", 4]["low"] / true)) < 0.06
+    # Veiling light is no signal: with it a chart seems to be seen farther down.
+    assert ranges["SNR", 4]["low"] < 0.7 * true
+
+
+def test_a_chart_is_found_by_its_marks_in_perspective(labcdp, tmp_path, chart_path):
+    marks = "".join(
+        f"\n[[marks]]\nnumber = {number}\nx = {x / SIDE}\ny = {y / SIDE}\nside = {36 / SIDE}\n"
+        for number, (x, y) in enumerate([(5 - LEFT, 5 - TOP), (6 * SIDE + 5, 5 - TOP), (5 - LEFT, 6 * SIDE - 20)])
+    )
+    text = chart_path.read_text()
+    chart_path.write_text(text[: text.index("[[patches]]")] + marks.lstrip() + "\n" + text[text.index("[[patches]]") :])
+    dn = make_picture(tmp_path / "straight.tif", marks=True)
+    height, width = dn.shape
+    outline = np.float32([(0, 0), (width, 0), (width, height), (0, height)])
+    seen = np.float32([(30, 10), (width - 5, 25), (width - 20, height - 8), (12, height - 20)])
+    matrix = cv2.getPerspectiveTransform(outline, seen)
+    shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+    cv2.imwrite(
+        str(tmp_path / "chart.tif"), cv2.warpPerspective(dn, np.linalg.inv(shift) @ matrix @ shift, (width, height))
+    )
+    chart, _ = load_chart(chart_path)
+    grey = cv2.imread(str(tmp_path / "chart.tif"), cv2.IMREAD_UNCHANGED)
+    found = chart.found(grey)
+    true = chart.regions(cv2.perspectiveTransform(np.float64([CORNERS]), np.float64(matrix))[0])
+    for roi, expected in zip(found, true, strict=True):
+        assert np.abs(np.array(roi.corners) - expected.corners).max() < 1.5
+    result = evaluate(labcdp, tmp_path, "--chart", chart_path, "--no-pages")
+    assert result["tables"]["dynamic_range"]["rows"][1]["range_stops"] > 9
+
+
+def test_several_pictures_overlay_on_one_page(labcdp, tmp_path, chart_path):
+    for name, seed in (("a.tif", 1), ("b.tif", 2)):
+        make_picture(tmp_path / name, seed=seed)
+    result = evaluate(
+        labcdp, tmp_path, tmp_path / "b.tif", "--chart", chart_path, "--corners", corners_text(CORNERS), picture="a.tif"
+    )
+    stops = [row["range_stops"] for row in result["tables"]["dynamic_range"]["rows"] if row["limit"] == 4]
+    assert len(stops) == 2
+    assert abs(stops[0] - stops[1]) < 0.1
+    assert (tmp_path / "out" / "report.html").is_file()
+
+
+def test_values_from_a_certificate_take_the_place_of_nominal_ones(tmp_path, chart_path):
+    chart_path.write_text(chart_path.read_text().replace("# values =", "values ="))
+    rows = "\n".join(f"{'ABCDEF'[n // 6]}{n % 6 + 1};{0.07 + 0.1 * n:.2f}".replace(".", ",") for n in range(36))
+    (tmp_path / "certificate.csv").write_text("patch;density\n" + rows + "\n")
+    chart, files = load_chart(chart_path)
+    assert chart.patches[3].value == pytest.approx(0.37)
+    assert [file.role for file in files] == ["chart", "chart values"]
+
+
+@pytest.mark.parametrize("name", chart_names())
+def test_charts_that_ship_can_be_read_and_lie_apart(tmp_path, name):
+    (tmp_path / "chart.toml").write_text(chart_template(name))
+    chart, _ = load_chart(tmp_path / "chart.toml")
+    assert chart.is_stated
+    rois = chart.regions([(0, 0), (1000, 0), (1000, 1000), (0, 1000)])
+    covered = np.zeros((1000, 1000), dtype=int)
+    for roi in rois:
+        covered[roi.window((1000, 1000))] += roi.mask((1000, 1000))
+    assert covered.max() == 1
+
+
+def test_perspective_of_many_points_is_that_of_opencv():
+    rng = np.random.default_rng(5)
+    plane = rng.uniform(0, 10, (12, 2))
+    matrix = np.array([[90, 4, 30], [-3, 80, 20], [0.004, -0.002, 1]])
+    image = cv2.perspectiveTransform(plane[None], matrix)[0]
+    assert perspective(plane, image) == pytest.approx(matrix, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ('name = "A2"', 'name = "A1"', "A1"),
+        ("x = 1.0", "x = 9.0", "outside"),
+        ("margin = 0.2", "margin = 0.6", "margin"),
+        ('quantity = "density"', 'quantity = "reflectance"\nwhite_cd_m2 = -1.0', "white_cd_m2"),
+        ("value = 0.15", 'value = "0.15"', "value"),
+    ],
+)
+def test_wrong_chart_files_are_refused_by_name(chart_path, old, new, named):
+    chart_path.write_text(chart_path.read_text().replace(old, new, 1))
+    with pytest.raises(InputError, match=named):
+        load_chart(chart_path)

@@ -1,5 +1,7 @@
 """Contrast metrics: arrays of DN or cd/m^2 in, numbers out. Contrast is a fraction (1.0 is 100 %)."""
 
+from typing import TYPE_CHECKING, Any
+
 from .contrast import (
     ContrastDefinition,
     DetectionInterval,
@@ -10,13 +12,15 @@ from .contrast import (
 from .correlation import variance_inflation
 from .detection import cdp
 from .distribution import Distribution, Region
-from .dynamic_range import DynamicRange, dynamic_range
 from .matrix import cdp_matrix
 from .neighbours.cdp import cdp_neighbours
 from .result import Cdp
 from .signal_to_noise import cnr, csnr, d_prime, snr, snr_10log10_db, snr_20log10_db
 from .spread import ContrastDistribution, contrast_distribution, contrast_histogram
 from .uncertainty import pixels_needed
+
+if TYPE_CHECKING:
+    from .ranges import DynamicRange, dynamic_range
 
 __all__ = [
     "Cdp",
@@ -44,3 +48,12 @@ __all__ = [
     "weber_contrast",
     "weber_contrast_of_means",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # Evaluations of a pair do not need it.
+    if name in ("DynamicRange", "dynamic_range"):
+        from importlib import import_module
+
+        return getattr(import_module(f"{__name__}.ranges"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -229,8 +229,9 @@ class Chart:
         >>> from labcdp.core.roi import Roi
         >>> halves = [ChartPatch(Roi.rectangle(name, x, 0, 1, 1)) for x, name in enumerate("ab")]
         >>> chart = Chart("two", 2, 1, tuple(halves), margin=0.0)
-        >>> chart.regions([(0, 0), (200, 0), (200, 100), (0, 100)])[1].bounds
-        (100.0, 0.0, 200.0, 100.0)
+        >>> second = chart.regions([(0, 0), (200, 0), (200, 100), (0, 100)])[1]
+        >>> [abs(round(edge, 6)) for edge in second.bounds]
+        [100.0, 0.0, 200.0, 100.0]
         """
         points = np.array(corners, dtype=np.float64)
         if points.shape != (4, 2) or not np.isfinite(points).all() or not _is_convex(points):
@@ -300,7 +301,8 @@ def perspective(outline: ArrayLike, image: ArrayLike) -> _Array:
     Examples
     --------
     >>> square = [(0, 0), (1, 0), (1, 1), (0, 1)]
-    >>> perspective(square, [(10, 20), (30, 20), (30, 40), (10, 40)]).round(6).tolist()
+    >>> matrix = perspective(square, [(10, 20), (30, 20), (30, 40), (10, 40)])
+    >>> abs(matrix.round(6)).tolist()
     [[20.0, 0.0, 10.0], [0.0, 20.0, 20.0], [0.0, 0.0, 1.0]]
     """
     (source, from_source), (target, from_target) = (

@@ -15,8 +15,8 @@ from ...core.quantity import Quantity
 from ...core.result import Finding, info, warning
 from ...core.roi import Roi
 from ...metrics.contrast import Epsilon
-from ...metrics.dynamic_range import DynamicRange, dynamic_range
 from ...metrics.matrix import MatrixContrasts, region_matrix
+from ...metrics.ranges import DynamicRange, dynamic_range
 from ...metrics.region import RegionLight, RegionPixels, measure_region
 from ...regions.chart import Chart
 

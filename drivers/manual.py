@@ -21,7 +21,7 @@ WrittenUnit = Literal["cd/m2", "fL"]
 _WRITTEN: Final = re.compile(
     r"\s*(?P<number>[-+]?[0-9.,]+(?:[eE][-+]?[0-9]{1,2})?)\s*(?P<unit>[^\s0-9.,+-][^,;]*?)?\s*"
 )
-_NUMBER: Final = re.compile(r"\+?(?:[0-9]{1,15}(?:[.,][0-9]{0,12})?|[.,][0-9]{1,12})(?:[eE][-+]?[0-9]{1,2})?")
+_NUMBER: Final = re.compile(r"\+?(?:[0-9]{1,15}(?:[.,][0-9]{0,20})?|[.,][0-9]{1,20})(?:[eE][-+]?[0-9]{1,2})?")
 _MAYBE_THOUSANDS: Final = re.compile(r"\+?[1-9][0-9]{0,2},[0-9]{3}")
 _UNITS: Final[dict[str, WrittenUnit]] = {"cd/m2": "cd/m2", "cd/m^2": "cd/m2", "cd/m²": "cd/m2", "fl": "fL"}
 

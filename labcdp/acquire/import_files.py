@@ -11,7 +11,7 @@ from ..core.errors import InputError, SessionError
 from ..core.frame import Frame, pixels_sha256
 from ..core.reading import Reading
 from ..core.result import Finding, FindingValue, warning
-from ..drivers.csv_meter import CsvMeter
+from ..drivers.file_meter import FileMeter
 from ..drivers.manual import MeterAccuracy, stated_accuracy
 from ..drivers.minolta_ls.meter import DRIVERS
 from ..drivers.minolta_ls.protocol import LSDataSheet
@@ -61,7 +61,7 @@ def read_readings(configuration: SessionConfiguration, path: Path) -> ReadingLis
     accuracy = stated_accuracy(described)
     if sheet is not None:
         accuracy = MeterAccuracy(sheet.scale_half_width_rel, sheet.repeatability_rel, 1)
-    with CsvMeter(path, described.identity, accuracy) as meter:
+    with FileMeter(path, described.identity, accuracy) as meter:
         by_patch, has_times = meter.readings, meter.has_times
     names = [patch.name for patch in configuration.target.patches]
     for name in by_patch:
@@ -138,7 +138,7 @@ def import_session(
     files : sequence of ImportFile
         The pictures.
     readings : Path
-        CSV file of readings, as `labcdp.drivers.csv_meter.CsvMeter` reads it.
+        CSV file or spreadsheet of readings, as `labcdp.drivers.file_meter.FileMeter` reads it.
     report : callable
         Called with a description, the amount done and the total.
 

@@ -31,15 +31,14 @@ from ..report.files import read_dataset
 from ..report.text import finding_text
 from ..session import Session, SessionConfiguration
 from ..session.tables import MeterCertificate
-from .info_csv import describe_csv
 from .info_results import (
     Description,
     describe_journal,
     describe_list,
     describe_page,
     describe_result,
-    describe_workbook,
 )
+from .info_tables import describe_spreadsheet, describe_table
 from .terminal import print_result
 
 #: Bits of DN up to which the end of the histogram is looked at.
@@ -49,8 +48,8 @@ _MOST_BITS_OF_HISTOGRAM = 16
 def info(file: Path, *, source: str = "A") -> None:
     """Identify a file, and list its content and the commands that use it.
 
-    For a camera's spectral sensitivity (CSV with wavelength_nm and R, G, B, or one column), compute f1' and the
-    factors that correct luminances in other light.
+    For a camera's spectral sensitivity (CSV or .xlsx with wavelength_nm and R, G, B, or one column), compute f1' and
+    the factors that correct luminances in other light.
 
     Parameters
     ----------
@@ -58,7 +57,7 @@ def info(file: Path, *, source: str = "A") -> None:
         Anything that labcdp writes or reads: session, folder of results or a file in it, calibration, picture, video,
         region file, bench plan, chain, camera specification, meter readings, spectral sensitivity, EMVA 1288 data set.
     source
-        For a spectral sensitivity: light of the calibration, a name or a CSV file with its spectral power.
+        For a spectral sensitivity: light of the calibration, a name, or a CSV file or .xlsx with its spectral power.
     """
     if not file.exists():
         raise InputError(f"{file} does not exist: give a file or folder")
@@ -82,10 +81,10 @@ def describe(path: Path, source: str) -> Description:
     if path.is_dir():
         return _folder(path)
     readers: dict[str, tuple[Callable[[Path], Description], ...]] = {
-        ".csv": (partial(describe_csv, source=source),),
+        ".csv": (partial(describe_table, source=source),),
         ".html": (describe_page,),
         ".jsonl": (_journal,),
-        ".xlsx": (describe_workbook,),
+        ".xlsx": (partial(describe_spreadsheet, source=source),),
         ".json": (_document,),
         ".toml": (_toml,),
         ".roi": (_regions,),

@@ -13,6 +13,7 @@ from pathlib import Path
 from ..core.disk import read_bytes
 from ..core.disk.files import damage_reported
 from ..core.disk.journal import recorded_head
+from ..core.disk.spreadsheets import COMPOUND_FILE
 from ..core.errors import InputError
 from ..core.table import Table
 from ..evaluate.sweep.run import JOURNAL as SWEEP_JOURNAL
@@ -65,16 +66,18 @@ def describe_result(path: Path, content: dict[str, object]) -> Description:
     return Description("results", commands, properties)
 
 
-def describe_workbook(path: Path) -> Description:
-    """Describe a spreadsheet that labcdp wrote; raises InputError for any other."""
-    data = read_bytes(path, "a spreadsheet of labcdp", _MOST_BYTES)
+def describe_workbook(path: Path) -> Description | None:
+    """Describe a spreadsheet that labcdp wrote, None for one of another program; raises InputError if it is damaged."""
+    data = read_bytes(path, "a spreadsheet (.xlsx)", _MOST_BYTES)
+    if data.startswith(COMPOUND_FILE):
+        return None
     with (
-        damage_reported(f"{path} cannot be read as a spreadsheet", ": give one that labcdp wrote (.xlsx)"),
+        damage_reported(f"{path} cannot be read as a spreadsheet", ": save it again as .xlsx"),
         zipfile.ZipFile(BytesIO(data)) as parts,
     ):
         about, book = (_beginning(parts, name) for name in ("docProps/core.xml", "xl/workbook.xml"))
     if "<dc:creator>labcdp</dc:creator>" not in about:
-        raise InputError(f"{path} was not written by labcdp, which reads no spreadsheets: save readings as CSV")
+        return None
     title = re.search("<dc:title>([^<]*)</dc:title>", about)
     sheets = re.findall('<sheet name="([^"]*)"', book)
     properties = {"title": unescape(title[1]) if title else "", "sheets": ", ".join(map(unescape, sheets))}
@@ -84,6 +87,9 @@ def describe_workbook(path: Path) -> Description:
 
 
 def _beginning(parts: zipfile.ZipFile, name: str) -> str:
+    # Programs leave out the description of a workbook.
+    if name not in parts.namelist():
+        return ""
     with parts.open(name) as part:
         return part.read(_MOST_OF_HEAD).decode("utf-8", errors="replace")
 

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .disk import quoted, read_csv, shortened
+from .disk import quoted, shortened
 from .errors import InputError, naming
 from .photometry import THESIS_SPECTRUM, WAVELENGTH_RANGE_NM, spectral_weights
 from .result import Finding, FindingValue, info, warning
+
+if TYPE_CHECKING:
+    from .disk.tables import WrittenRow
 
 #: Name of the first column.
 _WAVELENGTH = "wavelength_nm"
@@ -102,36 +106,39 @@ class SpectralFile:
 
 
 def read_spectral_file(path: str | PathLike[str]) -> SpectralFile:
-    """Read spectra from a CSV file.
+    """Read spectra from a CSV file or a spreadsheet.
 
-    The file is UTF-8 text with a header: ``wavelength_nm``, then one column of any name, or the three ``R``, ``G``
-    and ``B``. Comma, semicolon or tab separate; with semicolon or tab a number may have a decimal comma.
+    The file is UTF-8 text with a header: ``wavelength_nm``, also written ``wavelength (nm)``, then one column of any
+    name, or the three ``R``, ``G`` and ``B``. Comma, semicolon or tab separate; with semicolon or tab a number may have
+    a decimal comma. Or it is a spreadsheet (.xlsx) with such a table, of numbers, in one of its sheets.
 
     Raises
     ------
     InputError
-        If it cannot be read or is no such file; the message names the line.
+        If it cannot be read or is no such file; the message names the line or cell.
     """
-    read = read_csv(path, f"a CSV file with the columns {_WAVELENGTH} and R, G, B or a single one")
-    names = [name.upper() for name in read.header[1:]]
-    if read.header[0].lower() != _WAVELENGTH or not (len(names) == 1 or sorted(names) == sorted(_COLOURS)):
+    # Most commands read no file of spectra.
+    from .disk.tables import read_table
+
+    read = read_table(path, f"a CSV file or .xlsx with the columns {_WAVELENGTH} and R, G, B or a single one",
+                      is_spectral_header)  # fmt: skip
+    header = read.header.cells
+    names = [name.upper() for name in header[1:]]
+    if not is_spectral_header(header) or not (len(names) == 1 or sorted(names) == sorted(_COLOURS)):
         raise InputError(
-            f"{path} has the columns {shortened(', '.join(read.header))}: give {_WAVELENGTH} and then one column, or "
+            f"{path} has the columns {shortened(', '.join(header))}: give {_WAVELENGTH} and then one column, or "
             "R, G and B"
         )
     rows, marks = [], set[str]()
     for row in read.rows:
-        text = quoted(read.separator.join(row.cells))
-        numbers = [cell.replace(",", ".") if read.separator != "," else cell for cell in row.cells]
-        if not all(map(_NUMBER.fullmatch, numbers)):
-            raise InputError(f"{path}, line {row.line}: {text} has a cell that is not a number")
+        numbers = _numbers(row, path, read.comma_is_decimal)
         marks |= {",", "."} & set("".join(row.cells))
         if len(marks) > 1:
             raise InputError(
-                f"{path}, line {row.line}: {text} has another decimal mark than the numbers above: write all with a "
-                "point or all with a comma, and no mark of thousands"
+                f"{path}, {row.place()}: {quoted(row.raw)} has another decimal mark than the numbers above: write all "
+                "with a point or all with a comma, and no mark of thousands"
             )
-        rows.append([float(number) for number in numbers])
+        rows.append(numbers)
     if not rows:
         raise InputError(f"{path} has a header and no values: add lines of wavelength and values below it")
     nm, *values = np.array(rows).T
@@ -145,6 +152,27 @@ def read_spectral_file(path: str | PathLike[str]) -> SpectralFile:
                 f"{path}, column {name}: it has {column[lowest]:g} at {nm[lowest]:g} nm: give values of at least 0"
             )
     return SpectralFile(columns, hashlib.sha256(read.data).hexdigest())
+
+
+def is_spectral_header(names: Sequence[str]) -> bool:
+    """Whether names of columns are those of spectra: a wavelength in nm comes first."""
+    from .disk.tables import quantity_and_unit
+
+    first = names[0] if names else ""
+    return first.lower() == _WAVELENGTH or quantity_and_unit(first) == ("wavelength", "nm")
+
+
+def _numbers(row: WrittenRow, path: str | PathLike[str], comma_is_decimal: bool) -> list[float]:
+    """Return the numbers of a row; raises InputError."""
+    numbers = []
+    for at in range(len(row.cells)):
+        with naming(f"{path}, {row.place(at)}"):
+            cell = row.number_text(at)
+            text = cell.replace(",", ".") if comma_is_decimal else cell
+            if _NUMBER.fullmatch(text) is None:
+                raise InputError(f"{quoted(row.raw)} has a cell that is not a number")
+            numbers.append(float(text))
+    return numbers
 
 
 #: A light source: by the name of its spectrum, as `labcdp.core.photometry` knows it, or measured.

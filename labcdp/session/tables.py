@@ -60,7 +60,7 @@ class ConfigurationTable(BaseModel):
 class SpectraConfiguration(ConfigurationTable):
     """Spectra from a file, and the file's name and hash: a session keeps them, so that it needs no other file."""
 
-    file: Text = Field(description="the name of a CSV file as text")
+    file: Text = Field(description="the name of a CSV file or .xlsx as text")
     sha256: Text = Field(description="the hash of the file as text")
     wavelength_nm: tuple[Positive, ...] = Field(description="rising wavelengths in nm")
     columns: dict[str, tuple[Number, ...]] = Field(description="relative values by the name of the column")
@@ -219,7 +219,9 @@ class CameraConfiguration(ConfigurationTable):
         None, description="a [camera.features] table of GenICam names with true, false, numbers or text"
     )
     spectral_sensitivity: Spectra = Field(
-        None, description="the name of a CSV file as text: wavelength_nm and R, G, B or one column, for radiant power"
+        None,
+        description="the name of a CSV file or .xlsx as text: wavelength_nm and R, G, B or one column, for "
+        "radiant power",
     )
 
     def stated(self, frame: Frame) -> Frame:
@@ -300,7 +302,7 @@ class SourceConfiguration(ConfigurationTable):
 
     spectrum: Text = Field(description="the name of the spectrum as text, for example LED-B4")
     spectrum_file: Spectra = Field(
-        None, description="the name of a CSV file as text: wavelength_nm and one column with the measured power"
+        None, description="the name of a CSV file or .xlsx as text: wavelength_nm and a column with the measured power"
     )
 
     @property
@@ -410,8 +412,8 @@ class MeterCertificate(ConfigurationTable):
 class MeterConfiguration(ConfigurationTable):
     """Which luminance meter; it cannot report its serial number and calibration date.
 
-    Readings come over a serial line, are typed by the user, or are in a CSV file. For the last two the accuracy of the
-    instrument is given here, since no driver knows it.
+    Readings come over a serial line, are typed by the user, or are in a file, CSV or .xlsx. For the last two the
+    accuracy of the instrument is given here, since no driver knows it.
     """
 
     model: Text = Field(description="the model's name as text")
@@ -422,7 +424,7 @@ class MeterConfiguration(ConfigurationTable):
     correction: Literal["preset", "colour", "luminance", "both"] = Field(
         "preset", description='"preset" for the maker\'s calibration, "colour", "luminance" or "both" for the user\'s'
     )
-    file: Text | None = Field(None, description="the path of a CSV file as text")
+    file: Text | None = Field(None, description="the path of a CSV file or .xlsx as text")
     serial: Text = Field(description="the serial number as text, in quotes")
     calibration_date: IsoDate | None = Field(None, description="an ISO date such as 2025-03-31")
     scale_half_width_rel: Fraction | None = Field(None, description="a fraction above 0, up to 1, 0.02 for ±2 %")
@@ -472,7 +474,7 @@ class MeterConfiguration(ConfigurationTable):
         if given:
             raise ValueError(f'has {given[0]}, which belongs to entry = "serial": leave it out')
         if (self.file is None) == (self.entry == "csv"):
-            wrong = "lacks file: give the path of a CSV file" if self.entry == "csv" else "has file: leave it out"
+            wrong = "lacks file: give the path of a CSV or .xlsx" if self.entry == "csv" else "has file: leave it out"
             raise ValueError(f'{wrong} with entry = "{self.entry}"')
         missing = [name for name in accuracy if getattr(self, name) is None]
         if missing:

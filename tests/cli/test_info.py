@@ -3,6 +3,7 @@
 import hashlib
 import json
 
+import openpyxl
 import pytest
 
 from labcdp.cli.app import app
@@ -63,6 +64,23 @@ def test_files_of_others_are_refused(tmp_path, name):
         (tmp_path / name).write_bytes(content)
         with pytest.raises(InputError, match=name):
             app(["info", str(tmp_path / name)], standalone_mode=False)
+
+
+def test_spreadsheets_of_others_are_readings_or_spectra_or_refused(tmp_path, capsys):
+    book = openpyxl.Workbook()
+    for row in (["May"], ["patch", "luminance (cd/m²)"], ["white", 30.1], ["white", 30.2]):
+        book.active.append(row)
+    book.save(tmp_path / "a.xlsx")
+    found = info(capsys, tmp_path / "a.xlsx")
+    assert (found["kind"], found["readings of white"]) == ("meter readings", "2")
+    book.active["B4"] = "30,2"
+    book.save(tmp_path / "a.xlsx")
+    with pytest.raises(InputError, match=r"a\.xlsx, Sheet!B4: '30,2' is text, not a number"):
+        info(capsys, tmp_path / "a.xlsx")
+    book.active["A2"] = "place"
+    book.save(tmp_path / "a.xlsx")
+    with pytest.raises(InputError, match=r"no such table in its sheets \(Sheet\): give meter readings"):
+        info(capsys, tmp_path / "a.xlsx")
 
 
 def spectrum(folder, wavelengths_nm, header="wavelength_nm,relative"):

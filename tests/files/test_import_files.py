@@ -3,9 +3,11 @@
 import hashlib
 import shutil
 from dataclasses import replace
+from datetime import datetime
 
 import cv2
 import numpy as np
+import openpyxl
 import pytest
 
 from labcdp.acquire.import_files import import_session
@@ -141,6 +143,15 @@ def test_the_same_readings_in_another_table_are_not_new(folder, imported, files)
     (folder / "again.csv").write_text("\n".join(table), encoding="utf-16")
     again = imported(files[:1], readings="again.csv")
     assert (first.readings, again.readings, again.known_readings) == (39, 0, 39)
+    # Cells have no time zone: dates and times are local.
+    book = openpyxl.Workbook()
+    book.active.append(["time", "patch", "Luminance (cd/m²)"])
+    for patch, value, time in rows:
+        local = datetime.fromisoformat(time).astimezone().replace(tzinfo=None)
+        book.active.append([local, patch, float(value.replace(",", "."))])
+    book.save(folder / "again.xlsx")
+    again = imported(files[:1], readings="again.xlsx")
+    assert (again.readings, again.known_readings) == (0, 39)
 
 
 def test_readings_have_the_digits_and_accuracy_of_the_meter_in_any_unit(imported, still_camera, folder, files):

@@ -147,10 +147,10 @@ def _spectrum(_: Path, file: Path) -> Any:
 
 def _readings(_: Path, file: Path) -> Any:
     from labcdp.core.reading import MeterIdentity
-    from labcdp.drivers.csv_meter import CsvMeter
+    from labcdp.drivers.file_meter import FileMeter
     from labcdp.drivers.manual import MeterAccuracy
 
-    with CsvMeter(file, MeterIdentity("Other", "1"), MeterAccuracy(0.02, 0.001, 1)) as meter:
+    with FileMeter(file, MeterIdentity("Other", "1"), MeterAccuracy(0.02, 0.001, 1)) as meter:
         return {patch: [reading.to_dict() for reading in found] for patch, found in meter.readings.items()}
 
 

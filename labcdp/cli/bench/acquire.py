@@ -220,7 +220,8 @@ def import_files(
     dark
         Picture with the lens covered: a file, a folder, or a pattern in quotes. May be repeated.
     readings
-        CSV file of the meter readings: columns patch, luminance_cd_m2 or luminance_fL, and optionally time.
+        CSV file or spreadsheet (.xlsx) of the meter readings: columns patch, luminance_cd_m2 or luminance_fL, also
+        written as in 'luminance (cd/m²)', and optionally time.
     exposure
         Exposure time of pictures that do not state it, for example 5ms; FILE=5ms for one picture. May be repeated.
     temperature

@@ -14,7 +14,7 @@ from ...core.disk import read_text
 from ...core.errors import InputError
 from ...drivers.aravis.camera import AravisCamera
 from ...drivers.camera import Camera, CameraError, take_again
-from ...drivers.csv_meter import CsvMeter
+from ...drivers.file_meter import FileMeter
 from ...drivers.manual import ManualMeter, stated_accuracy
 from ...drivers.meter import Meter
 from ...drivers.minolta_ls.meter import DRIVERS
@@ -28,7 +28,7 @@ from ...drivers.simulated.devices import SimulatedBenchFile
 from ...session import EventRecord, MeterConfiguration, Session, SessionConfiguration
 from ...session.records import SIMULATED_BENCH
 from ..terminal import say
-from .operators import Console, ConsoleOperator, CsvOperator, RecordingOperator, UnpointedOperator
+from .operators import Console, ConsoleOperator, FileMeterOperator, RecordingOperator, UnpointedOperator
 from .options import DeviceOptions, Replay
 
 #: Duration of a reading of the simulated meter; the real one needs about 0.8 s.
@@ -104,8 +104,8 @@ def connected(
     with opened as devices:
         operator: Operator = unattended_operator or devices.operator
         # Readings from a file need no pointing.
-        if isinstance(devices.meter, CsvMeter):
-            operator = CsvOperator(operator, devices.meter, session)
+        if isinstance(devices.meter, FileMeter):
+            operator = FileMeterOperator(operator, devices.meter, session)
         yield replace(devices, operator=operator)
 
 
@@ -122,7 +122,7 @@ def _real(session: Session, options: DeviceOptions, console: Console) -> Iterato
             meter = stack.enter_context(ManualMeter(console.ask, described.identity, stated_accuracy(described)))
         elif described.entry == "csv":
             assert described.file is not None
-            meter = stack.enter_context(CsvMeter(described.file, described.identity, stated_accuracy(described)))
+            meter = stack.enter_context(FileMeter(described.file, described.identity, stated_accuracy(described)))
         else:
             port = options.meter or described.port
             assert port is not None, "checked before the session is made"

@@ -15,7 +15,7 @@ from typing import Any, Self
 from ...acquire import CheckFinding, Control, Operator
 from ...acquire.operator import AskedOperator
 from ...core.errors import DeviceError
-from ...drivers.csv_meter import CsvMeter
+from ...drivers.file_meter import FileMeter
 from ...session import ReadingRecord, Session
 from ..terminal import Bars, say
 
@@ -203,20 +203,20 @@ class UnpointedOperator(AskedOperator):
         return self._operator.repeat(what, findings)
 
 
-class CsvOperator(AskedOperator):
+class FileMeterOperator(AskedOperator):
     """Operator for a meter whose readings come from a file, which is not pointed.
 
     Parameters
     ----------
     operator : Operator
         Performs the other steps.
-    meter : CsvMeter
+    meter : FileMeter
         Open.
     session : Session
         Readings it already has are skipped.
     """
 
-    def __init__(self, operator: Operator, meter: CsvMeter, session: Session) -> None:
+    def __init__(self, operator: Operator, meter: FileMeter, session: Session) -> None:
         super().__init__(operator)
         self._operator = operator
         self._meter = meter

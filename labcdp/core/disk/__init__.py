@@ -18,7 +18,6 @@ from .files import (
     require_regular,
     shortened,
 )
-from .text import read_csv
 
 __all__ = [
     "file_sha256",
@@ -30,7 +29,6 @@ __all__ = [
     "quoted",
     "read_at_most",
     "read_bytes",
-    "read_csv",
     "read_json",
     "read_text",
     "read_toml",

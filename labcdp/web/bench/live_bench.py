@@ -246,7 +246,7 @@ class LiveBench:
         if self.plan is None:
             return "Recording needs a plan: start labcdp bench with PLAN."
         if self.plan.meter.entry == "csv":
-            return "The plan has readings from a CSV file: record it with labcdp acquire."
+            return "The plan has readings from a file: record it with labcdp acquire."
         by_hand = self.plan.meter.entry == "by hand"
         return "" if by_hand or self.desk.meter else "Recording needs a meter: start labcdp bench with --meter."
 

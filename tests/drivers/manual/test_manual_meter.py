@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from labcdp.core.errors import InputError
 from labcdp.core.reading import MeterIdentity
-from labcdp.drivers.csv_meter import CsvMeter
+from labcdp.drivers.file_meter import FileMeter
 from labcdp.drivers.manual import ManualMeter, MeterAccuracy, parse_written
 from labcdp.drivers.meter import MeterError
 
@@ -84,7 +84,7 @@ def test_any_text_is_a_luminance_or_an_input_error(text):
         assert 0 < written.resolution < 1e100
 
 
-# A meter whose readings stand in a CSV file
+# A meter whose readings are in a CSV file
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +94,7 @@ def meter_of(tmp_path_factory):
 
     def make(text):
         path.write_text(text, encoding="utf-8")
-        return CsvMeter(path, METER, ACCURACY)
+        return FileMeter(path, METER, ACCURACY)
 
     return make
 
@@ -157,7 +157,7 @@ def test_only_ends_of_lines_end_a_line(tmp_path, end, note):
     """RFC 4180, and CR alone; texts copied into a sheet bring other separators along."""
     lines = ["patch;luminance_cd_m2;note", f"white;12,5;{note}", "black;0,5;"]
     (tmp_path / "a.csv").write_bytes(end.join(lines).encode())
-    with CsvMeter(tmp_path / "a.csv", METER, ACCURACY) as meter:
+    with FileMeter(tmp_path / "a.csv", METER, ACCURACY) as meter:
         found = {patch: [one.value for one in readings] for patch, readings in meter.readings.items()}
     assert found == {"white": [12.5], "black": [0.5]}
 
@@ -171,5 +171,5 @@ def test_lists_as_spreadsheet_programs_save_them(tmp_path, separator, encoding, 
              separator.join(("white", number))]  # fmt: skip
     mark = b"\xfe\xff" if encoding == "utf-16-be" else b""
     (tmp_path / "a.csv").write_bytes(mark + "\r\n".join(lines).encode(encoding))
-    with CsvMeter(tmp_path / "a.csv", METER, ACCURACY) as meter:
+    with FileMeter(tmp_path / "a.csv", METER, ACCURACY) as meter:
         assert [reading.value for reading in meter.readings["white"]] == [12.5]

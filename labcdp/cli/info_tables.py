@@ -1,4 +1,4 @@
-"""What command info says of CSV files: meter readings, and the spectral sensitivity of a camera."""
+"""What command info says of CSV files and spreadsheets: meter readings, and the spectral sensitivity of a camera."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 
-from ..core.disk import read_csv
+from ..core.disk.tables import read_table
 from ..core.errors import InputError
 from ..core.photometry import WAVELENGTH_RANGE_NM, source_names, spectral_weights
 from ..core.reading import MeterIdentity
@@ -14,16 +14,17 @@ from ..core.spectra import (
     COMMON_ILLUMINANTS,
     SpectralTable,
     f1_prime,
+    is_spectral_header,
     least_f1_prime,
     mismatch_factor,
     read_spectral_file,
     weighted_sum,
 )
 from ..core.table import Column, Table
-from ..drivers.csv_meter import CsvMeter
+from ..drivers.file_meter import READINGS_FILE, FileMeter, is_readings_header
 from ..drivers.manual import MeterAccuracy
 from ..report.text import span
-from .info_results import Description
+from .info_results import Description, describe_workbook
 
 #: Distance of points beyond which the lines between them are an assumption: a judgement, spectra are usually given in
 #: steps of 5 or 10 nm.
@@ -32,16 +33,26 @@ _WIDEST_STEP_NM = 10.0
 _MOST_NAMED = 3
 
 
-def describe_csv(path: Path, source: str) -> Description:
-    """Describe readings of a luminance meter, or a spectral sensitivity; raises InputError for any other file."""
-    if "patch" in map(str.lower, read_csv(path, "meter readings or a spectral sensitivity").header):
+def describe_table(path: Path, source: str) -> Description:
+    """Describe readings of a luminance meter, or a spectral sensitivity; raises InputError for any other table."""
+    table = read_table(
+        path,
+        f"meter readings, {READINGS_FILE}, or a spectral sensitivity",
+        lambda names: is_readings_header(names) or is_spectral_header(names),
+    )
+    if "patch" in map(str.lower, table.header.cells):
         return _readings(path)
     return _sensitivity(path, source)
 
 
+def describe_spreadsheet(path: Path, source: str) -> Description:
+    """Describe a spreadsheet that labcdp wrote, or the table of another one; raises InputError."""
+    return describe_workbook(path) or describe_table(path, source)
+
+
 def _readings(path: Path) -> Description:
     unknown = MeterIdentity("unknown", "unknown")
-    with CsvMeter(path, unknown, MeterAccuracy(0.0, 0.0, 0)) as meter:
+    with FileMeter(path, unknown, MeterAccuracy(0.0, 0.0, 0)) as meter:
         counts = {f"readings of {patch}": str(len(readings)) for patch, readings in meter.readings.items()}
     return Description("meter readings", ("import PLAN SESSION --light FILES --readings {file}",), counts)
 
@@ -103,5 +114,5 @@ def _light(source: str) -> str | SpectralTable:
         spectral_weights(source)
     except InputError as error:
         names = ", ".join(source_names())
-        raise InputError(f"--source: {error}, or a CSV file; lights by name: {names}") from error
+        raise InputError(f"--source: {error}, or a CSV file or .xlsx; lights by name: {names}") from error
     return source

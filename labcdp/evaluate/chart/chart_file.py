@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.resources import files
+from math import isnan, nan
 from os import PathLike
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from ...core.disk import read_csv, read_toml
+from ...core.disk import read_toml
 from ...core.disk.files import quoted, shortened, suggestion
 from ...core.errors import InputError, naming
 from ...core.quantity import Z_95, Quantity
@@ -18,6 +20,9 @@ from ...regions.chart import MARGIN, Chart, ChartMark, ChartPatch
 from ...regions.shapes import EllipseShape, RectangleShape
 from ...session.tables import ConfigurationTable, Format, NotNegative, Number, Positive, Text
 from ...session.validation import validated
+
+if TYPE_CHECKING:
+    from ...core.disk.tables import WrittenRow
 
 _Name = Annotated[Text, Field(description="the name of the patch as text")]
 
@@ -117,29 +122,41 @@ def load_chart(path: str | PathLike[str]) -> tuple[Chart, list[InputFile]]:
 
 def _values(path: Path, quantity: str) -> dict[str, tuple[float, float]]:
     """Return the values of patches with their u, from the columns patch, value and, if there is one, U."""
-    table = read_csv(path, "a file with the columns patch, value and U")
-    names = [name.lower() for name in table.header]
-    value = next((name for name in (quantity, "value") if name in names), None)
-    if "patch" not in names or value is None:
-        raise InputError(f"the columns are {shortened(', '.join(table.header))}: give patch, value and U")
+    # Most charts have their values in them.
+    from ...core.disk.tables import read_table
+
+    def is_header(names: Sequence[str]) -> bool:
+        return {"patch", quantity} <= {*map(str.lower, names)} or {"patch", "value"} <= {*map(str.lower, names)}
+
+    table = read_table(path, f"a CSV file or .xlsx with the columns patch, {quantity} or value, and U", is_header)
+    header = table.header.cells
+    names = [name.lower() for name in header]
+    if not is_header(names):
+        raise InputError(f"the columns are {shortened(', '.join(header))}: give patch, value and U")
+    patch_at, value_at = names.index("patch"), names.index(quantity if quantity in names else "value")
+    expanded_at = names.index("u") if "u" in names else None
     values: dict[str, tuple[float, float]] = {}
     for row in table.rows:
-        cells = dict(zip(names, row.cells, strict=True))
-        if cells["patch"] in values:
-            raise InputError(f"line {row.line}: patch {quoted(cells['patch'])} is there already: keep one")
-        numbers = []
-        for name in (value, "u"):
-            text = cells.get(name, "")
-            try:
-                numbers.append(
-                    float(text.replace(",", ".") if table.separator != "," else text) if text else float("nan")
-                )
-            except ValueError:
-                raise InputError(f"line {row.line}: {quoted(text)} is no number: correct it") from None
-        if numbers[0] != numbers[0]:
-            raise InputError(f"line {row.line}: patch {quoted(cells['patch'])} has no value: give one")
-        values[cells["patch"]] = numbers[0], numbers[1] / Z_95
+        with naming(row.place(patch_at)):
+            patch = row.text(patch_at)
+            if patch in values:
+                raise InputError(f"patch {quoted(patch)} is there already: keep one")
+        value = _number(row, value_at, table.comma_is_decimal)
+        expanded = nan if expanded_at is None else _number(row, expanded_at, table.comma_is_decimal)
+        if isnan(value):
+            raise InputError(f"{row.place(value_at)}: patch {quoted(patch)} has no value: give one")
+        values[patch] = value, expanded / Z_95
     return values
+
+
+def _number(row: WrittenRow, column: int, comma_is_decimal: bool) -> float:
+    """Return a number of a row, nan if the cell is empty; raises InputError, naming the cell."""
+    with naming(row.place(column)):
+        text = row.number_text(column)
+        try:
+            return float(text.replace(",", ".") if comma_is_decimal else text) if text else nan
+        except ValueError:
+            raise InputError(f"{quoted(text)} is no number: correct it") from None
 
 
 def chart_names() -> list[str]:

@@ -4,6 +4,7 @@ import json
 
 import cv2
 import numpy as np
+import openpyxl
 import pytest
 
 import labcdp as package
@@ -148,6 +149,16 @@ def test_values_from_a_certificate_take_the_place_of_nominal_ones(tmp_path, char
     chart, files = load_chart(chart_path)
     assert chart.patches[3].value == pytest.approx(0.37)
     assert [file.role for file in files] == ["chart", "chart values"]
+    chart_path.write_text(chart_path.read_text().replace("certificate.csv", "certificate.xlsx"))
+    book = openpyxl.Workbook()
+    for row in (["Certificate"], ["patch", "density"], *(line.split(";") for line in rows.split("\n"))):
+        book.active.append([float(cell.replace(",", ".")) if "," in cell else cell for cell in row])
+    book.save(tmp_path / "certificate.xlsx")
+    assert [one.value for one in load_chart(chart_path)[0].patches] == [one.value for one in chart.patches]
+    book.active["B5"] = "0,27"
+    book.save(tmp_path / "certificate.xlsx")
+    with pytest.raises(InputError, match=r"certificate\.xlsx: Sheet!B5: '0,27' is text, not a number"):
+        load_chart(chart_path)
 
 
 @pytest.mark.parametrize("name", chart_names())

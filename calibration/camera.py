@@ -270,6 +270,17 @@ def common_errors(
     ------
     CalibrationError
         If the gain was not calibrated.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp import Session
+    >>> from labcdp.calibration import common_errors
+    >>> from labcdp.session import example_session
+    >>> calibration = Session.open(example_session()).calibrate().calibration
+    >>> errors = common_errors(calibration, np.array([100.0, 1000.0]), exposure_s=0.01)
+    >>> errors[0].source, float(np.ravel(errors[0].relative)[0]) > 0
+    ('meter scale', True)
     """
     n = np.asarray(net_dn, dtype=float)
     index = find_gain(calibration.settings, calibration.state.gain_db if gain_db is None else gain_db)

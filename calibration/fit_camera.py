@@ -97,6 +97,21 @@ def fit(
         the same luminance, contradict each other or the response of the bracket, or there is no light.
     InputError
         If a reading is a ratio in %.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import LensIdentity, Setup, fit, observe_dark, observe_patches
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> regions = [patch.region() for patch in session.configuration.target.patches]
+    >>> def frames(role, exposure_s):
+    ...     return [session.load(r) for r in session.frames(role) if r.exposure_s == exposure_s]
+    >>> observations = [o for t in session.exposures_s for o in observe_patches(frames("light", t), regions)]
+    >>> darks = [observe_dark(frames("dark", t)) for t in session.exposures_s]
+    >>> readings = {r.name: [x.reading for x in session.readings() if x.patch == r.name] for r in regions}
+    >>> setup = Setup(LensIdentity("16 mm", "0001", focal_length_m=0.016, f_number=2.8), "D65", input_sha256="4f2a")
+    >>> fit(observations, darks, readings, setup).responsivity.responsivity_dn_s_cd_m2 > 0
+    True
     """
     take = partial(take_in, observations, darks, readings, held_out, drift_dn=setup.black_level_drift_dn)
     intake = take(tone=None if response is None else response.response)

@@ -193,6 +193,14 @@ class ResponsivityFit:
     ------
     InputError
         If the responsivity is not positive, or an uncertainty negative.
+
+    Examples
+    --------
+    >>> from labcdp import Session
+    >>> from labcdp.session import example_session
+    >>> responsivity = Session.open(example_session()).calibrate().calibration.responsivity
+    >>> responsivity.responsivity_dn_s_cd_m2 > 0, responsivity.degrees_of_freedom > 0
+    (True, True)
     """
 
     responsivity_dn_s_cd_m2: float

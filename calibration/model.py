@@ -47,6 +47,14 @@ class PatchResidual(MeasuredPatch):
     u_rel, U_rel, dof : float or None
         Relative standard uncertainty of the luminance by the camera, its U (95 %), and effective degrees of freedom.
         None in files of labcdp 0.2.0, whose luminance is that of the fit; infinite degrees of freedom are None, too.
+
+    Examples
+    --------
+    >>> from labcdp import Session
+    >>> from labcdp.session import example_session
+    >>> calibration = Session.open(example_session()).calibrate().calibration
+    >>> max(abs(patch.deviation_rel) for patch in calibration.residuals) < 0.05
+    True
     """
 
     residual_rel: float
@@ -131,6 +139,14 @@ class Calibration(CalibratedCamera):
     ------
     InputError
         As `CalibratedCamera`, and if there is no residual.
+
+    Examples
+    --------
+    >>> from labcdp import Session
+    >>> from labcdp.session import example_session
+    >>> calibration = Session.open(example_session()).calibrate().calibration
+    >>> len(calibration.residuals), calibration.state.gain_db
+    (16, 0.0)
     """
 
     source_spectrum: str

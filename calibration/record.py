@@ -51,6 +51,14 @@ def save(calibration: AnyCalibration, path: str | Path, *, force: bool = False) 
     ------
     InputError
         If the file exists or cannot be written.
+
+    Examples
+    --------
+    >>> from labcdp import Session, calibration
+    >>> from labcdp.session import example_session
+    >>> calibration.save(Session.open(example_session()).calibrate().calibration, "camera.json")
+    >>> calibration.load("camera.json").planes[0].weights
+    (1.0,)
     """
     kind = next(kind for kind, model in _KINDS.items() if model is type(calibration))
     arrays: dict[str, Any] = {}
@@ -67,6 +75,14 @@ def load_any(path: str | Path) -> AnyCalibration:
     InputError
         If the file cannot be read, is not a calibration, has another version or a missing, unknown or invalid value, or
         was modified.
+
+    Examples
+    --------
+    >>> from labcdp import Session, calibration
+    >>> from labcdp.session import example_session
+    >>> calibration.save(Session.open(example_session()).calibrate().calibration, "any.json")
+    >>> calibration.load_any("any.json").state.bit_depth
+    12
     """
     document = _read(Path(path), CALIBRATION)
     kind = document.get("kind")
@@ -84,7 +100,16 @@ def load_any(path: str | Path) -> AnyCalibration:
 
 
 def load(path: str | Path) -> Calibration:
-    """Read the calibration of a monochrome camera; as `load_any`, and refuses that of a colour camera."""
+    """Read the calibration of a monochrome camera; as `load_any`, and refuses that of a colour camera.
+
+    Examples
+    --------
+    >>> from labcdp import Session, calibration
+    >>> from labcdp.session import example_session
+    >>> calibration.save(Session.open(example_session()).calibrate().calibration, "mono.json")
+    >>> calibration.load("mono.json").source_spectrum
+    'D65'
+    """
     calibration = load_any(path)
     if not isinstance(calibration, Calibration):
         raise InputError(f"calibration {path} is for a colour camera: give one of a monochrome camera")

@@ -340,6 +340,12 @@ class Setup:
         Standard uncertainty of one exposure time relative to the others.
     black_level_drift_dn : float or None
         Standard deviation of the black level from frame to frame; None for what the dark frames show.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import LensIdentity, Setup
+    >>> Setup(LensIdentity("Kowa LM16", "0001", focal_length_m=0.016, f_number=2.8), "LED-B4", "4f2a").source_spectrum
+    'LED-B4'
     """
 
     lens: LensIdentity
@@ -370,6 +376,14 @@ class Provenance:
         Hash of the frames and readings of each session, if they are of several.
     frames_sha256 : tuple of str
         Hash of the pixels of each frame; empty in files of labcdp 0.2.0.
+
+    Examples
+    --------
+    >>> from datetime import UTC, datetime, timedelta
+    >>> from labcdp.calibration import Provenance
+    >>> made = Provenance(datetime(2026, 3, 1, tzinfo=UTC), input_sha256="4f2a", versions={"labcdp": "0.3.0"})
+    >>> made.comes_from("4f2a"), made.is_of_another_day(made.measured + timedelta(days=3))
+    (True, True)
     """
 
     measured: datetime

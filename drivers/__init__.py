@@ -43,6 +43,13 @@ def open_camera(selector: str | None = None, patience_s: float = 0.0) -> AravisC
     ------
     CameraError
         If it is absent or busy, or Aravis is not installed.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import open_camera
+    >>> with open_camera("50-0503363706") as camera:  # doctest: +SKIP
+    ...     camera.identity.model
+    'Manta_G-505B'
     """
     return AravisCamera(selector, patience_s=patience_s).open()
 

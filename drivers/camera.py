@@ -187,7 +187,13 @@ Refused = Callable[[IncompleteFrameError], None]
 
 
 def take_again(error: IncompleteFrameError) -> None:
-    """Log an incomplete frame, which is repeated: a `Refused`."""
+    """Log an incomplete frame, which is repeated: a `Refused`.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera import IncompleteFrameError, take_again
+    >>> take_again(IncompleteFrameError("12 packets are missing", frame_id=7))
+    """
     _log.warning("%s; taking it again", error)
 
 

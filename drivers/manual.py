@@ -63,7 +63,16 @@ class MeterAccuracy:
 
 
 def stated_accuracy(described: MeterConfiguration) -> MeterAccuracy:
-    """Return the accuracy that a configuration states, which requires all of it where no driver knows the meter."""
+    """Return the accuracy that a configuration states, which requires all of it where no driver knows the meter.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.manual import stated_accuracy
+    >>> from labcdp.session import MeterConfiguration
+    >>> stated = {"scale_half_width_rel": 0.03, "repeatability_rel": 0.002, "digits": 1}
+    >>> stated_accuracy(MeterConfiguration(model="L 1003", serial="4711", entry="by hand", **stated)).digits
+    1
+    """
     return MeterAccuracy(
         described.scale_half_width_rel or 0.0, described.repeatability_rel or 0.0, described.digits or 0
     )

@@ -186,6 +186,24 @@ def colour_patch_luminance(camera: CalibratedColourCamera, observations: ByPlane
     ------
     CalibrationError
         As `patch_luminance`, naming the plane; if a plane is missing, or the combined luminance is not positive.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from labcdp import Session
+    >>> from labcdp.calibration import colour_patch_luminance, observe_patches
+    >>> from labcdp.calibration.colour.conversion import CalibratedColourCamera
+    >>> from labcdp.session import example_session
+    >>> session, names = Session.open(example_session()), ("R", "Gr", "Gb", "B")
+    >>> mono = session.calibrate().calibration  # as if each colour had been like it
+    >>> planes = tuple(replace(mono, state=replace(mono.state, plane=name)) for name in names)
+    >>> camera = CalibratedColourCamera(planes, (0.25,) * 4, ((0.0,) * 4,) * 4, 0.0, 0.0, (0.01, 1e5))
+    >>> light, patch = session.frames("light"), session.configuration.target.patches[-1].region()
+    >>> frames = [session.load(r) for r in light if r.exposure_s == light[0].exposure_s]
+    >>> (seen,) = observe_patches(frames, [patch], mono.vignetting)
+    >>> by_plane = {name: [replace(seen, state=replace(seen.state, plane=name))] for name in names}
+    >>> colour_patch_luminance(camera, by_plane).luminance_cd_m2 > 0
+    True
     """
     seen = [_plane_luminance(plane, observations) for plane in camera.planes]
     patch, by_plane = seen[0].patch, np.array([patch_of_plane.luminance_cd_m2 for patch_of_plane in seen])

@@ -83,6 +83,25 @@ def fit_colour(
         As `fit`, naming the plane; if a plane is missing, or fewer than three patches have the same spectrum.
     InputError
         If sensitivities are not those of R, G and B.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> from labcdp.calibration import LensIdentity, Setup, fit_colour, observe_dark, observe_patches
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> regions = [patch.region() for patch in session.configuration.target.patches]
+    >>> def frames(role, exposure_s, plane):
+    ...     some = (session.load(r) for r in session.frames(role) if r.exposure_s == exposure_s)
+    ...     return [replace(frame, plane=plane) for frame in some]
+    >>> planes, times_s = ("R", "Gr", "Gb", "B"), session.exposures_s
+    >>> light = {p: [o for t in times_s for o in observe_patches(frames("light", t, p), regions)] for p in planes}
+    >>> darks = {p: [observe_dark(frames("dark", t, p)) for t in times_s] for p in planes}
+    >>> readings = {r.name: [x.reading for x in session.readings() if x.patch == r.name] for r in regions}
+    >>> setup = Setup(LensIdentity("16 mm", "0001", focal_length_m=0.016, f_number=2.8), "D65", input_sha256="4f2a")
+    >>> camera = fit_colour(light, darks, readings, setup)  # here all planes are alike
+    >>> round(sum(camera.weights), 2)
+    1.0
     """
     _require_planes(observations, darks)
     for plane in PLANES:

@@ -148,6 +148,13 @@ class ColourCalibration(CalibratedColourCamera):
         Its f1', as a fraction.
     findings : tuple of Finding
         Findings for the user; the subjects of those of a plane name it.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import Calibration, ColourCalibration
+    >>> def luminance_weights(calibration: Calibration | ColourCalibration) -> dict[str | None, float]:
+    ...     planes = (plane.state.plane for plane in calibration.planes)
+    ...     return dict(zip(planes, calibration.weights, strict=True))
     """
 
     residuals: tuple[PatchResidual, ...]

@@ -128,6 +128,19 @@ def patch_luminance(calibration: CalibratedCamera, observations: Sequence[PatchO
     CalibrationError
         If there is no observation, observations are of several patches, of another camera, setting or
         vignetting, or the patch is clipped or black at every exposure.
+
+    Examples
+    --------
+    >>> from labcdp import Session
+    >>> from labcdp.calibration import observe_patches, patch_luminance
+    >>> from labcdp.session import example_session
+    >>> session = Session.open(example_session())
+    >>> calibration = session.calibrate().calibration
+    >>> light, patch = session.frames("light"), session.configuration.target.patches[-1]
+    >>> frames = [session.load(r) for r in light if r.exposure_s == light[0].exposure_s]
+    >>> seen = observe_patches(frames, [patch.region()], calibration.vignetting)
+    >>> patch_luminance(calibration, seen).luminance_cd_m2 > 0
+    True
     """
     observations = [o.with_vignetting(calibration.vignetting) for o in observations]
     names = sorted({o.patch for o in observations})

@@ -53,6 +53,15 @@ class CameraState:
         Black level set in the camera; dark frames are valid only for this one.
     companding : Companding or None
         Curve by which DN of frames are codes: all levels are of its linear values. None for DN as they are.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import CameraState
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> state = CameraState.of(session.load(session.frames("dark")[0]))
+    >>> state.pixel_format, state.saturation_dn
+    ('Mono12', 4095.0)
     """
 
     camera: CameraIdentity
@@ -213,6 +222,17 @@ class PatchObservation(Observation):
         What the meter sees of the region, or the middle third, which stands for it; None for all of it.
     inside : PatchPart or None
         The region without its rim, an eighth of its width on each side; None if it has none.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import observe_patches
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> light, patch = session.frames("light"), session.configuration.target.patches[0]
+    >>> frames = [session.load(r) for r in light if r.exposure_s == light[0].exposure_s]
+    >>> (observation,) = observe_patches(frames, [patch.region()])
+    >>> observation.patch, observation.n_frames
+    ('P01', 2)
     """
 
     patch: str
@@ -299,6 +319,16 @@ class DarkObservation(Observation):
         library, its residual.
     line_noise_dn, line_pattern_dn : (float, float)
         Parts of noise and pattern that whole columns and rows have in common, as standard deviations.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import observe_dark
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> records = session.frames("dark")
+    >>> dark = observe_dark([session.load(r) for r in records if r.exposure_s == records[0].exposure_s])
+    >>> dark.n_frames, dark.mean_variance_dn2 > 0
+    (2, True)
     """
 
     nonuniformity_dn: float

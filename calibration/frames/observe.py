@@ -78,6 +78,16 @@ def observe_patches(
         If frames differ in exposure, camera or setting, are too few or coloured, or a region is too small.
     InputError
         If a region lies outside the image.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import observe_patches
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> light, patches = session.frames("light"), session.configuration.target.patches
+    >>> frames = [session.load(r) for r in light if r.exposure_s == light[0].exposure_s]
+    >>> [o.patch for o in observe_patches(frames, [patch.region() for patch in patches[:2]])]
+    ['P01', 'P07']
     """
     names = [region.name for region in regions]
     twice = sorted({name for name in names if names.count(name) > 1})

@@ -75,6 +75,14 @@ class DarkModel(DarkCurrent):
     ------
     InputError
         If a variance or standard deviation is negative.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import DarkModel
+    >>> none = ((0.0,) * 3,) * 3
+    >>> dark = DarkModel(64.0, 100.0, none, noise_dn=2.0, nonuniformity_dn=0.0, exposures_s=(0.01, 0.1))
+    >>> dark.offset_dn + dark.rate_dn_s * 0.1
+    74.0
     """
 
     offset_dn: float

@@ -510,6 +510,14 @@ class GainSetting:
     ------
     InputError
         If the factor is not positive, or its uncertainty negative.
+
+    Examples
+    --------
+    >>> from labcdp.calibration import DarkModel, GainSetting, TemporalNoise
+    >>> none = ((0.0,) * 3,) * 3
+    >>> dark = DarkModel(64.0, 0.0, none, noise_dn=2.0, nonuniformity_dn=0.0, exposures_s=(0.01,))
+    >>> GainSetting(6.0, 2.0, 0.001, dark, TemporalNoise(k_dn_per_e=0.6, dark_noise_dn=2.0)).factor
+    2.0
     """
 
     gain_db: float

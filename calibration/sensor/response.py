@@ -75,6 +75,21 @@ class ResponseCurve:
         Of the frames.
     findings : tuple of Finding
         Findings for the user.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from labcdp.calibration import response_from_bracket
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> frame, signal = session.load(session.frames("light")[0]), np.geomspace(20, 40_000, 240_000).reshape(400, 600)
+    >>> times = 1.0, 0.5, 0.25, 0.125
+    >>> bracket = [
+    ...     replace(frame, dn=np.clip(64 + signal * t, 0, 4095).round().astype(np.uint16), exposure_s=t) for t in times
+    ... ]
+    >>> response_from_bracket(bracket, dark_dn=64.0).exposures_s
+    (0.125, 0.25, 0.5, 1.0)
     """
 
     response: Response
@@ -126,6 +141,21 @@ def response_from_bracket(frames: Sequence[Frame], dark_dn: float) -> ResponseCu
     CalibrationError
         If there are fewer than three exposures, cameras or settings differ, exposures do not overlap, the bracket
         covers less than `MIN_COVERED_SHARE` of the DN, or is inconsistent.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import numpy as np
+    >>> from labcdp.calibration import response_from_bracket
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> frame, signal = session.load(session.frames("light")[0]), np.geomspace(20, 40_000, 240_000).reshape(400, 600)
+    >>> noise = np.random.default_rng(1).normal(0, 2, (4, *signal.shape))
+    >>> dn = [np.clip(64 + signal * t + n, 0, 4095).astype(np.uint16) for t, n in zip((1, 0.5, 0.25, 0.125), noise)]
+    >>> bracket = [replace(frame, dn=image, exposure_s=t) for t, image in zip((1, 0.5, 0.25, 0.125), dn)]
+    >>> curve = response_from_bracket(bracket, dark_dn=64.0)
+    >>> curve.residual_rel < 0.01
+    True
     """
     groups_of_frames = _by_exposure(frames)
     exposures_s = tuple(groups_of_frames)

@@ -91,6 +91,12 @@ def discover() -> list[CameraInfo]:
     ------
     CameraError
         If Aravis is not installed.
+
+    Examples
+    --------
+    >>> from labcdp.drivers import discover
+    >>> [camera.serial for camera in discover()]  # doctest: +SKIP
+    ['50-0503363706']
     """
     arv = aravis()
     arv.update_device_list()

@@ -32,6 +32,12 @@ class CheckFinding:
         Problem and possible cause, on one line.
     value, limit : float
         Measured value and its limit; shares and relative changes as fractions.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import CheckFinding
+    >>> CheckFinding("flicker", "the light flickers", value=0.03, limit=0.01).passing
+    True
     """
 
     check: Literal[

@@ -37,6 +37,12 @@ class Progress:
         Message to the user.
     reading : (str, Reading) or None
         Patch and reading, after each one.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import Progress
+    >>> Progress("light frames", done=3, total=12).done
+    3
     """
 
     step: str
@@ -54,11 +60,32 @@ STOPPED = "the acquisition was stopped; recorded data are safe"
 
 
 class AcquisitionStoppedError(LabcdpError):
-    """The acquisition was stopped on request; data taken so far is recorded."""
+    """The acquisition was stopped on request; data taken so far is recorded.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import AcquisitionStoppedError, Control
+    >>> control = Control()
+    >>> control.stop()
+    >>> try:
+    ...     control.checkpoint()
+    ... except AcquisitionStoppedError:
+    ...     print("stopped")
+    stopped
+    """
 
 
 class Control:
-    """Thread-safe pause and stop requests, polled by the acquisition between frames and readings."""
+    """Thread-safe pause and stop requests, polled by the acquisition between frames and readings.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import Control
+    >>> control = Control()
+    >>> control.pause()
+    >>> control.paused, control.stopped
+    (True, False)
+    """
 
     def __init__(self) -> None:
         self._going = threading.Event()
@@ -207,6 +234,14 @@ class Announced(Protocol):
     """A simulated bench that is told what is recorded next.
 
     With that, an acquisition that was interrupted and resumed has the same noise as an uninterrupted one.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import Announced
+    >>> class Quiet:
+    ...     def announce_frames(self, series: str, first: int, n_before: int) -> None: ...
+    ...     def announce_reading(self, series: str, number: int) -> None: ...
+    >>> bench: Announced = Quiet()
     """
 
     def announce_frames(self, series: str, first: int, n_before: int) -> None:

@@ -53,6 +53,13 @@ class PatchNumbers:
         et al., Ann. Math. Stat. 12 (1941) 153), so that a slow drift does not count; None for one frame.
     drift_dn : float or None
         Change of the region's mean from the first to the last frame, by the least-squares line; None for one.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import PatchNumbers
+    >>> patch = PatchNumbers("a", 0.01, 2, 900, 1064.0, 64.0, 4095.0, 0.0, 12.0, 1.0, drift_dn=10.0)
+    >>> patch.signal_dn, patch.drift_rel
+    (1000.0, 0.01)
     """
 
     patch: str
@@ -104,6 +111,12 @@ class LiveStatistics:
         Temperature of the camera at the last frame.
     finished : bool
         Whether this was the last frame of the exposure.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import LiveStatistics
+    >>> LiveStatistics("dark", exposure_s=0.01, patches=(), temperature_c=38.5).finished
+    False
     """
 
     role: Role

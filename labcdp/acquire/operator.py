@@ -11,7 +11,14 @@ from .checks import CheckFinding
 
 
 class Operator(Protocol):
-    """Performs manual steps; each method returns when its step is done."""
+    """Performs manual steps; each method returns when its step is done.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import Operator, Unattended
+    >>> operator: Operator = Unattended("covered")
+    >>> operator.cover_lens()
+    """
 
     def cover_lens(self) -> None:
         """Cover the lens."""
@@ -36,6 +43,15 @@ class AskedOperator:
     ----------
     hands : Operator or None
         The simulated bench, which then does what the person confirmed.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import AskedOperator
+    >>> class Told(AskedOperator):
+    ...     def request(self, step: str, patch: str = "") -> None:
+    ...         print(step)
+    >>> Told().cover_lens()
+    Cover the lens
     """
 
     def __init__(self, hands: Operator | None = None) -> None:
@@ -72,7 +88,17 @@ class AskedOperator:
 
 
 class HandNeededError(DeviceError):
-    """A manual step is required, but no operator is present."""
+    """A manual step is required, but no operator is present.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import HandNeededError, Unattended
+    >>> try:
+    ...     Unattended().show_patch("a")
+    ... except HandNeededError as error:
+    ...     print(error)
+    put each patch before camera and meter
+    """
 
 
 class Unattended:
@@ -82,6 +108,14 @@ class Unattended:
     ----------
     lens : {'uncovered', 'covered'}
         State of the lens cap.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import CheckFinding, Unattended
+    >>> operator = Unattended()
+    >>> flicker = CheckFinding("flicker", "the light flickers", value=0.03, limit=0.01)
+    >>> [operator.repeat("light frames", [flicker]) for _ in range(2)]
+    [True, False]
     """
 
     def __init__(self, lens: Literal["uncovered", "covered"] = "uncovered") -> None:

@@ -111,7 +111,15 @@ def shown_patches(configuration: SessionConfiguration) -> list[str | None]:
 
 
 def remaining(session: Session) -> Remaining:
-    """Compare the recorded data with the plan."""
+    """Compare the recorded data with the plan.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import remaining
+    >>> from labcdp.session import Session, example_session
+    >>> remaining(Session.open(example_session())).complete
+    True
+    """
     configuration = session.configuration
     plan, exposures_s = configuration.plan, session.exposures_s
     read = Counter(record.patch for record in session.readings())
@@ -175,6 +183,17 @@ def forget(session: Session, names: Sequence[str]) -> None:
     ------
     InputError
         If there is no such part; then nothing is changed.
+
+    Examples
+    --------
+    >>> import shutil
+    >>> from labcdp.acquire import forget, remaining
+    >>> from labcdp.session import Session, example_session
+    >>> copy = shutil.copytree(example_session(), "copy")
+    >>> with Session.open(copy, writable=True) as session:
+    ...     forget(session, ["dark frames"])
+    ...     remaining(session).complete
+    False
     """
     planned = units(session.configuration)
     parts = {unit.patch or unit.name: unit for unit in planned}
@@ -202,7 +221,15 @@ def was_checked(session: Session, unit: Unit) -> bool:
 
 
 def repeated_units(session: Session) -> list[str]:
-    """Names of the units that were repeated after a check."""
+    """Names of the units that were repeated after a check.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import repeated_units
+    >>> from labcdp.session import Session, example_session
+    >>> repeated_units(Session.open(example_session()))
+    []
+    """
     checks = [r for r in session.records if isinstance(r, EventRecord) and r.kind == CHECK]
     return [r.content["unit"] for r in checks if r.content["repeat"]]
 

@@ -64,6 +64,12 @@ class Left:
         The part of the plan.
     hand : str
         The manual step it needs.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import Left
+    >>> Left("dark frames", "cover the lens").hand
+    'cover the lens'
     """
 
     what: str
@@ -114,6 +120,16 @@ def acquire(
         If data cannot be recorded, the disk is full, or recorded files are missing or have another size at the end.
     AcquisitionStoppedError
         If `control` requests a stop.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import Unattended, acquire
+    >>> from labcdp.drivers import ReplayCamera, ReplayMeter
+    >>> from labcdp.session import Session, example_session
+    >>> session = Session.open(example_session())
+    >>> with ReplayCamera(session) as camera, ReplayMeter(session) as meter:
+    ...     acquire(session, camera, meter, Unattended())  # nothing is left of this plan
+    ()
     """
     check_devices(camera, meter, session.configuration)
     if is_complete(session):
@@ -178,7 +194,15 @@ def _begin(session: Session, camera: Camera, meter: Meter, report: Report) -> No
 
 
 def is_complete(session: Session) -> bool:
-    """Whether the whole plan is recorded and checked."""
+    """Whether the whole plan is recorded and checked.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import is_complete
+    >>> from labcdp.session import Session, example_session
+    >>> is_complete(Session.open(example_session()))
+    True
+    """
     ended = any(isinstance(r, EventRecord) and r.kind == "complete" for r in session.records)
     return ended and remaining(session).complete
 

@@ -24,6 +24,14 @@ class Chain(_Chain):
     ``Chain.load("manta-g505")`` loads a preset (`labcdp.chain.preset_names`) or a chain file, `with_` changes
     parameters, `run` simulates, `sweep` maps CDP over parameters, `save` writes a chain file. See
     `labcdp.chain.parts.ChainParts` for the fields.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> chain = labcdp.Chain.load("manta-g505").with_(scene__width=64, scene__height=48, scene__square_px=16)
+    >>> swept = chain.sweep(exact=True, scene__luminance_cd_m2=[0.01, 100.0])
+    >>> swept["cdp"].values.round(2).tolist()
+    [0.04, 1.0]
     """
 
     def sweep(

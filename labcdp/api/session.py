@@ -23,7 +23,15 @@ from .session_result import SessionResult
 
 
 class Session(_Session):
-    """A recorded session; ``Session.open("my-session")`` opens one, `labcdp.session.Session` has its records."""
+    """A recorded session; ``Session.open("my-session")`` opens one, `labcdp.session.Session` has its records.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> from labcdp.session import example_session
+    >>> labcdp.Session.open(example_session()).calibrate().calibration
+    <Calibration of Allied Vision Technologies Manta_G-505B (SIM-503363706, simulated)>
+    """
 
     def calibrate(
         self,

@@ -67,6 +67,14 @@ focal_length_m, pixel_pitch_m, no_vignetting
     ------
     InputError
         If the video cannot be read, or an argument cannot be used.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> from labcdp.session import example_session
+    >>> video = labcdp.open_video(example_session())
+    >>> video.shape
+    (400, 480)
     """
     file = as_path(path, "the video")
     converter = converter_of(calibration, camera_spec, encoding, stated, StatedOfVideo)
@@ -91,6 +99,16 @@ class Video:
         For luminance by guessed parameters.
     stated : dict
         Statements of the user about the video, None for nothing.
+
+    Examples
+    --------
+    >>> import labcdp
+    >>> from labcdp.session import example_session
+    >>> video = labcdp.open_video(example_session())
+    >>> regions = [labcdp.Roi.rectangle("a", 10, 10, 20, 20), labcdp.Roi.rectangle("b", 40, 10, 20, 20)]
+    >>> tracked = video.track(regions, "fixed")
+    >>> video.frame_count
+    6
     """
 
     source: VideoSource

@@ -34,6 +34,16 @@ class ImagingChain:
     ------
     InputError
         If the spectrum is not known.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.chain import Chain, ImagingChain, Optics
+    >>> ((_, sensor),) = Chain.load("manta-g505").sensors
+    >>> optics = Optics(f_number=2.0, transmittance=0.9, focal_length_m=0.016)
+    >>> chain = ImagingChain("D65", None, optics, sensor)
+    >>> round(chain.responsivity_dn_s_cd_m2(6.0) / chain.responsivity_dn_s_cd_m2(), 3)
+    1.995
     """
 
     spectrum: str

@@ -41,6 +41,20 @@ def register(table: str, cls: type, type_name: str = "standard") -> None:
     ------
     InputError
         If the class is no dataclass, or the table has another class under this type already.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass, replace
+    >>> from labcdp.chain import Context, Signal, register
+    >>> @dataclass(frozen=True)
+    ... class Filter:
+    ...     takes = gives = "luminance"
+    ...     transmittance: float
+    ...     def process(self, signal: Signal, context: Context) -> Signal:
+    ...         def inverse(values):
+    ...             return signal.to_luminance(values / self.transmittance)
+    ...         return replace(signal, values=self.transmittance * signal.values, to_luminance=inverse)
+    >>> register("example-filter", Filter)
     """
     if not is_dataclass(cls):
         raise InputError(f"{cls.__name__} is not a dataclass: its fields become the keys of the table {table}")

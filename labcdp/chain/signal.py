@@ -84,6 +84,14 @@ class Signal:
         Digital numbers that say at most a lowest luminance; None if nothing can be saturated.
     oversampling : int
         Values on each side of a pixel; above 1 for a scene that is sampled finer, up to the optics.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.chain import Signal
+    >>> behind = Signal(np.array([[5.0, 10.0]]), "luminance", to_luminance=lambda values: values / 0.5)
+    >>> behind.luminance_cd_m2.tolist(), behind.unit
+    ([[10.0, 20.0]], 'cd/m²')
     """
 
     values: Values
@@ -146,6 +154,12 @@ class Context:
         Exposure settings of the sensor; None without a sensor.
     threads : int or None
         Number of threads, None for one a processor.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Context
+    >>> Context("D65", seed=1).settings is None
+    True
     """
 
     spectrum: str
@@ -163,6 +177,15 @@ class Stage(Protocol):
     ----------
     takes, gives : str
         Quantity of the signal it takes and of that it returns, keys of `UNITS`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.chain import Context, Signal, Stage, Windscreen
+    >>> stage: Stage = Windscreen(transmittance=0.8)
+    >>> scene = Signal(np.array([[10.0, 20.0]]), "luminance", to_luminance=lambda values: values)
+    >>> stage.process(scene, Context("D65")).values.round(3).tolist()
+    [[8.0, 16.0]]
     """
 
     takes: ClassVar[str]
@@ -197,6 +220,14 @@ class Capture:
     sensitivity_s : float or None
         Signal in DN over that of a second with the sensor's own photodiode and gain, by which captures are merged;
         None for the exposure time.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.chain import Capture
+    >>> capture = Capture(np.array([[164, 4095]]), 0.01, 64.0, 64.0, 10.0, 4095.0, k_dn_per_e=0.6, dark_noise_dn=2.0)
+    >>> float(capture.illuminance_lx(capture.dn)[0, 0]), capture.saturated.tolist()
+    (10.0, [[False, True]])
     """
 
     dn: NDArray[Any]
@@ -226,7 +257,15 @@ class Capture:
 
 @runtime_checkable
 class SensorModel(Protocol):
-    """Protocol of sensor models: frozen dataclasses of their parameters with these members."""
+    """Protocol of sensor models: frozen dataclasses of their parameters with these members.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Chain, SensorModel
+    >>> ((_, sensor),) = Chain.load("manta-g505").sensors
+    >>> isinstance(sensor, SensorModel)
+    True
+    """
 
     @property
     def pixel_pitch_m(self) -> float:

@@ -99,6 +99,13 @@ class ThesisSensor(Sized):
     ------
     InputError
         If a value is out of its range.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Chain, ThesisSensor
+    >>> ((_, sensor),) = Chain.load("thesis-2018").sensors
+    >>> isinstance(sensor, ThesisSensor), sensor.pixel_pattern_e_s
+    (True, 5)
     """
 
     takes: ClassVar[str] = "illuminance"

@@ -131,7 +131,20 @@ def _open_standard_streams() -> None:
 
 
 def main() -> None:
-    """Run the command; an error is one line on standard error and exit status 1."""
+    """Run the command; an error is one line on standard error and exit status 1.
+
+    Examples
+    --------
+    >>> import sys
+    >>> from labcdp.cli import main
+    >>> sys.argv = ["labcdp", "--version"]
+    >>> try:
+    ...     main()
+    ... except SystemExit as end:
+    ...     print(end.code)
+    labcdp 0.2.0
+    0
+    """
     _open_standard_streams()
     # Figures are drawn into files only: whatever a notebook or a desktop sets is of no use here.
     os.environ["MPLBACKEND"] = "agg"

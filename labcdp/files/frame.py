@@ -45,6 +45,16 @@ class FileFrame(PictureFile):
         DN below its saturation from which the pixels are clipped, by their histogram.
     findings : tuple of Finding
         What the file states of its values and what was made of it.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from labcdp.core.dn import pixel_format
+    >>> from labcdp.files import PictureOptions, read_image
+    >>> written = cv2.imwrite("grey.png", np.full((4, 6), 100, np.uint8))
+    >>> read_image("grey.png", pixel_format("Mono8"), PictureOptions(exposure_s=0.01)).frame.saturation_dn
+    255.0
     """
 
     frame: Frame
@@ -120,6 +130,16 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     InputError
         If the file cannot be read, is damaged, coloured or of another depth, has DN beyond `layout` or the curve, or
         does not say its exposure.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from labcdp.core.dn import pixel_format
+    >>> from labcdp.files import PictureOptions, read_image
+    >>> written = cv2.imwrite("grey.png", np.full((4, 6), 100, np.uint8))
+    >>> read_image("grey.png", pixel_format("Mono8"), PictureOptions(exposure_s=0.01)).frame.shape
+    (4, 6)
     """
     path = Path(path)
     data, sha256 = picture_bytes(path, MAX_PIXELS)

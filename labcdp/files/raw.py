@@ -54,6 +54,18 @@ def read_raw(path: str | PathLike[str], options: PictureOptions, max_pixels: int
     InputError
         If the file cannot be read, is truncated, is no RAW file, has neither a Bayer pattern nor a monochrome sensor,
         or does not say its exposure.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from labcdp import InputError
+    >>> from labcdp.files import PictureOptions, read_raw
+    >>> written = Path("no-raw.dng").write_bytes(bytes(1000))
+    >>> try:
+    ...     read_raw("no-raw.dng", PictureOptions(exposure_s=0.01))
+    ... except InputError as error:
+    ...     print(error)
+    no-raw.dng is not a camera RAW file that LibRaw knows: give one, or convert it to 16-bit TIFF
     """
     path = Path(path)
     data, sha256 = picture_bytes(path, max_pixels)

@@ -84,6 +84,14 @@ def write_file(path: str | PathLike[str], data: Buffer, *, force: bool = False) 
     InputError
         If it exists and is not to be replaced, also if it appeared meanwhile, or cannot be written; then no temporary
         file is left behind.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from labcdp.output import write_file
+    >>> write_file("note.txt", b"measured at noon")
+    >>> Path("note.txt").read_text()
+    'measured at noon'
     """
     path = Path(path)
     with writing(path):

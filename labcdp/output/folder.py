@@ -105,6 +105,15 @@ def read_list(folder: Path) -> FileList | None:
     ------
     InputError
         If there is one that cannot be read, is damaged, or was written by a newer version.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from labcdp.output import ResultsFolder, read_list
+    >>> with ResultsFolder("listed", "image") as results:
+    ...     added = results.add({"note.txt": b"measured at noon"})
+    >>> [file.name for file in read_list(Path("listed")).files]
+    ['note.txt']
     """
     path = folder / LIST_FILE
     remedy = "choose another folder"
@@ -151,6 +160,14 @@ class ResultsFolder:
     InputError
         On entering, if the folder holds anything else, a listed file was changed or is an input, or the folder cannot
         be written to.
+
+    Examples
+    --------
+    >>> from labcdp.output import ResultsFolder
+    >>> with ResultsFolder("results", "image") as results:
+    ...     added = results.add({"note.txt": b"measured at noon"})
+    >>> (results.folder / "note.txt").read_text()
+    'measured at noon'
     """
 
     def __init__(
@@ -362,7 +379,15 @@ Destination: TypeAlias = str | PathLike[str] | ResultsFolder
 
 
 def open_results(destination: Destination, command: str) -> AbstractContextManager[ResultsFolder]:
-    """Return the context of a folder of results; that of one that is open already does nothing."""
+    """Return the context of a folder of results; that of one that is open already does nothing.
+
+    Examples
+    --------
+    >>> from labcdp.output import open_results
+    >>> with open_results("opened", "image") as results, open_results(results, "image") as same:
+    ...     print(same is results)
+    True
+    """
     if isinstance(destination, ResultsFolder):
         return nullcontext(destination)
     return ResultsFolder(destination, command)
@@ -416,6 +441,13 @@ def results_journal(
     ------
     InputError
         As `LineJournal.open`, or if the folder cannot be used.
+
+    Examples
+    --------
+    >>> from labcdp.output import results_journal
+    >>> with results_journal(None, "sweep", "cells.jsonl", {"chain": "manta-g505"}, "sweep") as journal:
+    ...     print(len(journal))
+    0
     """
     from ..core.disk.journal import LineJournal
 
@@ -455,6 +487,12 @@ def check_file(
     InputError
         If it exists and may not be replaced, is a folder, an input, or one of the results in a folder of labcdp, or its
         folder is missing or not writable.
+
+    Examples
+    --------
+    >>> from labcdp.output import check_file
+    >>> check_file("map.exr").name
+    'map.exr'
     """
     path = Path(path)
     name = f"{option} {path}".lstrip()

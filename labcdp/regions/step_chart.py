@@ -52,6 +52,16 @@ def detect_step_chart(grey: NDArray[Any]) -> tuple[PolygonShape, ...]:
     ------
     InputError
         If no chart is found for sure.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.regions import detect_step_chart
+    >>> image = np.full((100, 300), 20, np.uint8)
+    >>> for number, level in enumerate((40, 80, 120, 160)):
+    ...     image[30:70, 30 + 65 * number : 75 + 65 * number] = level
+    >>> [patch.name for patch in detect_step_chart(image)]
+    ['step1', 'step2', 'step3', 'step4']
     """
     image = grey_values(grey)
     values, scale = reduced(image)

@@ -113,7 +113,14 @@ class TargetConfiguration(ConfigurationTable):
 
 
 class ContrastConfiguration(ConfigurationTable):
-    """A pair of patches, and their target contrast."""
+    """A pair of patches, and their target contrast.
+
+    Examples
+    --------
+    >>> from labcdp.session import ContrastConfiguration
+    >>> ContrastConfiguration(bright="a", dark="b", contrast="50%").contrast
+    0.5
+    """
 
     bright: Text = Field(description="the name of a patch")
     dark: Text = Field(description="the name of a patch")
@@ -124,7 +131,14 @@ class ContrastConfiguration(ConfigurationTable):
 
 
 class PlanConfiguration(ConfigurationTable):
-    """Frames and readings to record, and the drift above which a repetition is offered."""
+    """Frames and readings to record, and the drift above which a repetition is offered.
+
+    Examples
+    --------
+    >>> from labcdp.session import PlanConfiguration
+    >>> PlanConfiguration(exposures_s=(0.002, 0.02)).readings_per_patch
+    3
+    """
 
     # Left out: searched before the first frame, so that each patch lies between black and saturation at one.
     exposures_s: tuple[Positive, ...] | None = Field(None, min_length=1, description="exposures above 0 s")
@@ -168,6 +182,12 @@ class ConditionsConfiguration(ConfigurationTable):
     """Geometry and surroundings, as a certificate states them.
 
     The distances and the measuring field say which part of a patch the meter sees.
+
+    Examples
+    --------
+    >>> from labcdp.session import ConditionsConfiguration
+    >>> ConditionsConfiguration(camera_distance_m=2.0, temperature_c=21.5).camera_distance_m
+    2.0
     """
 
     camera_distance_m: Positive | None = Field(None, description="a distance of camera and target above 0 m")

@@ -169,6 +169,13 @@ class EventRecord:
         More about it.
     file : StoredFile or None
         The file it belongs to.
+
+    Examples
+    --------
+    >>> from labcdp.session import EventRecord, Session, example_session
+    >>> events = [r for r in Session.open(example_session()).records if isinstance(r, EventRecord)]
+    >>> events[-1].kind
+    'complete'
     """
 
     sequence: int

@@ -140,6 +140,15 @@ def load_curve(path: Path) -> Companding:
     ------
     ConfigurationError
         If the file cannot be read, or is no curve.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from labcdp.files import load_curve
+    >>> lines = ['name = "mine"', "bits = 12", "codes = [0, 2048, 4095]", "values = [0, 2048, 65535]"]
+    >>> written = Path("curve.toml").write_text(chr(10).join(lines))
+    >>> load_curve(Path("curve.toml")).name
+    'mine'
     """
     return validated(CurveConfiguration, read_toml(path, "a curve of companded data"), str(path)).companding
 
@@ -298,7 +307,14 @@ class LensConfiguration(ConfigurationTable):
 
 
 class SourceConfiguration(ConfigurationTable):
-    """Light source of the target."""
+    """Light source of the target.
+
+    Examples
+    --------
+    >>> from labcdp.session import SourceConfiguration
+    >>> SourceConfiguration(spectrum="LED-B4").light
+    'LED-B4'
+    """
 
     spectrum: Text = Field(description="the name of the spectrum as text, for example LED-B4")
     spectrum_file: Spectra = Field(
@@ -329,7 +345,16 @@ _DAYS_OF_YEAR = 365.2425
 
 
 class MeterCertificate(ConfigurationTable):
-    """Calibration certificate of a luminance meter: the link of its readings to the SI, with terms of ISO/IEC 17025."""
+    """Calibration certificate of a luminance meter: the link of its readings to the SI, with terms of ISO/IEC 17025.
+
+    Examples
+    --------
+    >>> from labcdp.session import MeterCertificate
+    >>> MeterCertificate(
+    ...     number="1234", laboratory="PTB", date="2026-03-31", expanded_uncertainty_rel="1.2%"
+    ... ).coverage_factor
+    2.0
+    """
 
     number: Text = Field(description="the number of the certificate as text")
     laboratory: Text = Field(description="the name of the laboratory as text")
@@ -414,6 +439,12 @@ class MeterConfiguration(ConfigurationTable):
 
     Readings come over a serial line, are typed by the user, or are in a file, CSV or .xlsx. For the last two the
     accuracy of the instrument is given here, since no driver knows it.
+
+    Examples
+    --------
+    >>> from labcdp.session import MeterConfiguration
+    >>> MeterConfiguration(model="LS-110", serial="73323007", calibration_date="2026-03-31").identity.calibration_date
+    '2026-03-31'
     """
 
     model: Text = Field(description="the model's name as text")

@@ -42,7 +42,14 @@ class TrackedRoi:
 
 
 class NotFollowedError(InputError):
-    """A region cannot be followed: nothing in and around it fixes its place."""
+    """A region cannot be followed: nothing in and around it fixes its place.
+
+    Examples
+    --------
+    >>> from labcdp.tracking import NotFollowedError
+    >>> NotFollowedError("sky").region
+    'sky'
+    """
 
     def __init__(self, region: str) -> None:
         super().__init__(

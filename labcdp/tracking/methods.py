@@ -73,6 +73,12 @@ def method_among(method: str, names: Sequence[str], chosen: Sequence[str]) -> st
     ------
     InputError
         If a method or a region is unknown.
+
+    Examples
+    --------
+    >>> from labcdp.tracking import method_among
+    >>> method_among("follow,wall=fixed", ["car", "wall"], ["wall"])
+    'fixed'
     """
     found = dict(zip(names, methods_of(method, names), strict=True))
     own = [found[name] for name in chosen]
@@ -146,7 +152,18 @@ def make_tracker(
 
 
 class Tracker:
-    """Finds regions in frame after frame; made by `make_tracker`."""
+    """Finds regions in frame after frame; made by `make_tracker`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp import Roi
+    >>> from labcdp.tracking import Tracker, make_tracker
+    >>> frame = np.full((120, 160), 100, np.uint8)
+    >>> tracker: Tracker = make_tracker("fixed", frame, [Roi.rectangle("sign", 60, 40, 30, 30)])
+    >>> tracker.update(frame)[0].roi.centre
+    (75.0, 55.0)
+    """
 
     def __init__(self, first: NDArray[Any], rois: Sequence[Roi], methods: Sequence[str], levels: Levels) -> None:
         self._shape, self._dtype = (first.shape[0], first.shape[1]), first.dtype

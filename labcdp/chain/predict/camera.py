@@ -47,6 +47,14 @@ class CameraModel:
     ------
     InputError
         If there are several exposures or captures without `hdr`.
+
+    Examples
+    --------
+    >>> from labcdp.chain import CameraModel, Chain, ExposureSettings
+    >>> ((_, sensor),) = Chain.load("manta-g505").sensors
+    >>> camera = CameraModel(sensor, ExposureSettings((0.01,)))
+    >>> camera.exposures_s, camera.full_well_e
+    ((0.01,), 7000.0)
     """
 
     sensor: Sensor

@@ -175,6 +175,12 @@ class Scene(Protocol):
 
     A scene sampled finer than the pixels has an attribute `oversampling`, the samples on each side of a pixel, and its
     luminance map as many times the size.
+
+    Examples
+    --------
+    >>> from labcdp.chain import Flat, Scene
+    >>> isinstance(Flat(64, 48, luminance_cd_m2=10.0), Scene)
+    True
     """
 
     @property

@@ -41,6 +41,12 @@ class PublishedRow:
         Temperature of the sensor, exposure time and pixel pitch.
     published_cdp : float
         CDP in the thesis.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.sweep.thesis import TABLE_5_3
+    >>> TABLE_5_3[0].contrast, TABLE_5_3[0].published_cdp
+    (1.0, 0.8287198)
     """
 
     label: str
@@ -95,6 +101,13 @@ class ReproducedRow:
         The same setting with correct physics, over the seeds.
     corrected_exact : float
         Predicted without random numbers, region to region, with correct physics.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.sweep.thesis import TABLE_5_3, ReproducedRow
+    >>> row = ReproducedRow(TABLE_5_3[0], 0.99, 0.01, 0.5, 1.0, 0.98, 0.01, corrected_exact=0.98)
+    >>> row.published is TABLE_5_3[0]
+    True
     """
 
     published: PublishedRow
@@ -120,6 +133,12 @@ class IntensitySweep:
         squares' luminance, which the thesis evaluates.
     corrected_cdp, corrected_snr_db : ndarray of float, shape (n,)
         With correct physics, predicted without random numbers.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.sweep.thesis import intensity_sweep
+    >>> intensity_sweep(points=3).corrected_cdp.round(3).tolist()
+    [0.04, 0.0, 0.0]
     """
 
     luminance_cd_m2: np.ndarray[Any, np.dtype[np.float64]]
@@ -143,6 +162,14 @@ class ThesisReproduction:
         Figure 3.10's value.
     sweep : IntensitySweep
         The sweep of intensities.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.sweep.thesis import FIGURE_3_10, TABLE_5_3, ThesisReproduction
+    >>> from labcdp.evaluate.sweep.thesis import intensity_sweep, reproduce_row
+    >>> rows = [reproduce_row(row, range(2)) for row in (TABLE_5_3[0], FIGURE_3_10[0])]
+    >>> ThesisReproduction(2, (rows[0],), (rows[1],), intensity_sweep(points=3)).seeds
+    2
     """
 
     seeds: int
@@ -165,6 +192,14 @@ def reproduce_thesis(seeds: int = 30, progress: Callable[[int, int], None] | Non
     ------
     InputError
         If there are fewer than two seeds, from which no standard deviation can be known.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.sweep.thesis import reproduce_thesis
+    >>> reproduce_thesis(seeds=1)
+    Traceback (most recent call last):
+        ...
+    labcdp.core.errors.InputError: seeds is 1: give at least 2, for a standard deviation
     """
     if seeds < 2:
         raise InputError(f"seeds is {seeds}: give at least 2, for a standard deviation")
@@ -181,7 +216,14 @@ def reproduce_thesis(seeds: int = 30, progress: Callable[[int, int], None] | Non
 
 
 def reproduce_row(row: PublishedRow, seeds: Sequence[int]) -> ReproducedRow:
-    """Run the thesis' setting, and the same with correct physics, for each of at least two seeds."""
+    """Run the thesis' setting, and the same with correct physics, for each of at least two seeds.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.sweep.thesis import TABLE_5_3, reproduce_row
+    >>> abs(reproduce_row(TABLE_5_3[0], range(3)).mean - TABLE_5_3[0].published_cdp) < 0.01
+    True
+    """
     from ...chain.predict.chain import predict_chain
 
     thesis, physical = thesis_chain(row), corrected_chain(row)
@@ -205,7 +247,14 @@ def reproduce_row(row: PublishedRow, seeds: Sequence[int]) -> ReproducedRow:
 
 
 def thesis_chain(row: PublishedRow, **changes: Any) -> Chain:
-    """Return the thesis' chain for a row of its table, up to the sensor."""
+    """Return the thesis' chain for a row of its table, up to the sensor.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.sweep.thesis import TABLE_5_3, thesis_chain
+    >>> thesis_chain(TABLE_5_3[0]).stage_names
+    ('scene', 'windscreen', 'optics', 'sensor')
+    """
     return replace(Chain.load("thesis-2018").with_(**(_setting(row) | changes)), hdr=None, behind=())
 
 
@@ -216,6 +265,12 @@ def corrected_chain(row: PublishedRow, glare_fraction: float = 1.0) -> Chain:
     has its shot noise; a fixed pattern that is fixed, of the dark current in pixels and of offsets in rows and columns
     as large as the thesis' at this temperature and time; rounding instead of cutting off. The thesis gives no
     read noise and no black level, so there are none.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.sweep.thesis import TABLE_5_3, corrected_chain
+    >>> corrected_chain(TABLE_5_3[0]).spectrum
+    'D65'
     """
     thesis = thesis_chain(row)
     (name, old), *_ = thesis.sensors
@@ -245,7 +300,14 @@ def corrected_chain(row: PublishedRow, glare_fraction: float = 1.0) -> Chain:
 
 
 def intensity_sweep(points: int = 200) -> IntensitySweep:
-    """Sweep the intensity as the thesis' program does: logspace(-3, 9), 20 % glare, 5 ms."""
+    """Sweep the intensity as the thesis' program does: logspace(-3, 9), 20 % glare, 5 ms.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.sweep.thesis import intensity_sweep
+    >>> intensity_sweep(points=3).luminance_cd_m2.tolist()
+    [0.001, 1000.0, 1000000000.0]
+    """
     from ...chain.predict.chain import predict_chain
 
     row = PublishedRow("sweep", 1.0, 1.0, 100.0, 0.005, 2e-6, float("nan"))

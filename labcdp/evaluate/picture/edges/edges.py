@@ -61,6 +61,12 @@ class ContrastMapSettings:
     ------
     InputError
         If one is out of range.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.picture.edges.edges import ContrastMapSettings
+    >>> ContrastMapSettings(size_px=20, contrast=0.5).minimum_contrast
+    0.1
     """
 
     size_px: int = 40
@@ -85,7 +91,14 @@ class ContrastMapSettings:
 
 
 class EdgeKind(IntEnum):
-    """Verdict on an edge."""
+    """Verdict on an edge.
+
+    Examples
+    --------
+    >>> from labcdp.evaluate.picture.edges.edges import EdgeKind
+    >>> EdgeKind(0).name
+    'SEEN'
+    """
 
     #: Contrast of at least the requested minimum, and probably detected.
     SEEN = 0
@@ -130,6 +143,20 @@ class MapEdges:
     cdp, cdp_standard_error, cdp_low, cdp_high : ndarray of float, shape (n,)
         Probability that a pair of pixels shows `asked_contrast` within the tolerance, and its 95 % interval; nan for
         edges that are noise, saturated, black or small.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from labcdp import read_image
+    >>> from labcdp.evaluate.picture.edges.map import contrast_map
+    >>> scene = np.kron([[100, 200]], np.ones((120, 80))) + np.random.default_rng(1).normal(0, 2, (120, 160))
+    >>> written = cv2.imwrite("two.png", scene.round().astype(np.uint8))
+    >>> luminance = read_image("two.png", encoding="linear").luminance
+    >>> edges = contrast_map(luminance).edges
+    >>> seen = edges.contrast > 0.9  # those between the halves of the scene
+    >>> edges.middle_px[seen, 0].round().tolist()
+    [80.0, 80.0, 80.0, 80.0, 80.0]
     """
 
     bright: Labels
@@ -175,6 +202,21 @@ def map_edges(
     smooth : sequence of ndarray of float, shape (number of regions,)
         Errors like `errors` that change slowly over the image: they are in the uncertainty of a contrast, but make no
         edge, and take none.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from labcdp import read_image
+    >>> from labcdp.evaluate.picture.edges.edges import map_edges
+    >>> from labcdp.evaluate.picture.edges.map import contrast_map
+    >>> scene = np.kron([[100, 200]], np.ones((120, 80))) + np.random.default_rng(1).normal(0, 2, (120, 160))
+    >>> written = cv2.imwrite("two.png", scene.round().astype(np.uint8))
+    >>> luminance = read_image("two.png", encoding="linear").luminance
+    >>> edge_map = contrast_map(luminance)
+    >>> again = map_edges(edge_map.regions, edge_map.near, [], edge_map.noise, edge_map.settings)
+    >>> np.array_equal(again.kind, edge_map.edges.kind)
+    True
     """
     known = scene if isinstance(scene, MapRegions) else regions
     swapped = np.greater(*known.mean[near.pairs.T[::-1]])

@@ -50,6 +50,20 @@ class ContrastMap:
         Whether edges are asked for the contrast of another image of the scene.
     others : tuple of ContrastMap
         The same edges asked for further contrasts.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from labcdp import read_image
+    >>> from labcdp.evaluate.picture.edges.edges import EdgeKind
+    >>> from labcdp.evaluate.picture.edges.map import contrast_map
+    >>> scene = np.kron([[100, 200]], np.ones((120, 80))) + np.random.default_rng(1).normal(0, 2, (120, 160))
+    >>> written = cv2.imwrite("two.png", scene.round().astype(np.uint8))
+    >>> luminance = read_image("two.png", encoding="linear").luminance
+    >>> edges = contrast_map(luminance)
+    >>> edges.count(EdgeKind.SEEN) > 0, edges.count(EdgeKind.LOST)
+    (True, 0)
     """
 
     luminance: LuminanceMap
@@ -162,6 +176,18 @@ def contrast_map(
     number of edges, so that noise alone makes an edge in one of 100 images. What the calibration leaves uncertain
     counts as far as it differs between two neighbours; slow changes across the image (flat field, darkness) are alike
     for neighbours and cancel.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from labcdp import read_image
+    >>> from labcdp.evaluate.picture.edges.map import contrast_map
+    >>> scene = np.kron([[100, 200]], np.ones((120, 80))) + np.random.default_rng(1).normal(0, 2, (120, 160))
+    >>> written = cv2.imwrite("two.png", scene.round().astype(np.uint8))
+    >>> luminance = read_image("two.png", encoding="linear").luminance
+    >>> float(contrast_map(luminance).edges.contrast.max().round(1))
+    1.0
     """
     chosen = settings or ContrastMapSettings()
     step = luminance.step

@@ -1,5 +1,6 @@
 """Numbers as text, and one result object rendered as text, page, spreadsheet, JSON and Dataset."""
 
+from contextlib import closing
 from datetime import UTC, datetime
 from decimal import Decimal
 from io import BytesIO
@@ -20,7 +21,7 @@ from labcdp.report.html import render_page
 from labcdp.report.layout import Card, Page, ReportFigure, Section, facts_table
 from labcdp.report.sheets import result_workbook
 
-from ..conftest import valid
+from ..conftest import CHROMIUM, valid
 
 TIME = datetime(2026, 1, 2, tzinfo=UTC)
 COLUMNS = (
@@ -181,3 +182,19 @@ def test_several_findings_of_one_kind_are_one_line_and_failures_of_other_reasons
 )
 def test_tabs_of_a_browser_say_which_page_they_are(kind, tab):
     assert f"<title>{tab} - labcdp</title>" in render_page(Page(kind, "night.png"))
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_long_names_wrap_in_the_table_beside_the_picture(browser):
+    # Heads and values as wide as those of a video.
+    heads = ("Weber contrast (%)", "detected (%)", "interval includes limit (%)", "evaluated frames", "lost frames",
+             "mean CDP", "lowest CDP", "in frame")  # fmt: skip
+    columns = (Column("pair", "bright / dark region"), *(Column(f"x{number}", head) for number, head in enumerate(heads)))
+    numbers = {column.name: 1000 for column in columns}
+    rows = [{**numbers, "pair": "sign of the wall behind the delivery van / board"}, {**numbers, "pair": "W" * 60}]
+    table = Table.of_items("shares", "CDP over the evaluated frames", columns, rows)
+    html = render_page(Page("report", "drive.mp4", lead=(ReportFigure("a.png", b"png", "CDP", "CDP"), table)))
+    with closing(browser.new_page(viewport={"width": 1280, "height": 800})) as page:
+        page.set_content(html)
+        cut_px = page.evaluate("(e => e.scrollWidth - e.clientWidth)(document.querySelector('.lead .wide'))")
+    assert cut_px == 0

@@ -189,8 +189,9 @@ def test_long_names_wrap_in_the_table_beside_the_picture(browser):
     # Heads and values as wide as those of a video.
     heads = ("Weber contrast (%)", "detected (%)", "interval includes limit (%)", "evaluated frames", "lost frames",
              "mean CDP", "lowest CDP", "in frame")  # fmt: skip
-    columns = (Column("pair", "bright / dark region"), *(Column(f"x{number}", head) for number, head in enumerate(heads)))
-    numbers = {column.name: 1000 for column in columns}
+    shares = [Column(f"x{number}", head) for number, head in enumerate(heads)]
+    columns = (Column("pair", "bright / dark region"), *shares)
+    numbers = {column.name: 1000 for column in shares}
     rows = [{**numbers, "pair": "sign of the wall behind the delivery van / board"}, {**numbers, "pair": "W" * 60}]
     table = Table.of_items("shares", "CDP over the evaluated frames", columns, rows)
     html = render_page(Page("report", "drive.mp4", lead=(ReportFigure("a.png", b"png", "CDP", "CDP"), table)))

@@ -19,6 +19,7 @@ from ..core.frame import Frame
 from ..core.result import Finding, Result
 from ..core.table import Column, Table
 from ..drivers.simulated.devices import SimulatedBenchFile
+from ..evaluate.chart.chart_file import load_chart
 from ..evaluate.picture.camera_specification import CameraSpecification
 from ..evaluate.sweep.maps.axes import check_map
 from ..files.raw import PlaneClipping, planes_of
@@ -199,7 +200,7 @@ def _saved(path: Path) -> dict[str, str]:
 
 
 def _toml(path: Path) -> Description:
-    """Describe a bench plan, a simulated bench, a chain or a camera specification."""
+    """Describe a bench plan, a simulated bench, a chain, a chart or a camera specification."""
     content = read_toml(path, "a bench plan, chain or camera specification")
     if "plan" in content:
         plan = SessionConfiguration.load(path)
@@ -210,6 +211,11 @@ def _toml(path: Path) -> Description:
         properties = {"description": Chain.load(str(path)).description}
         commands = ("simulate {file}", "sweep {file} --over NAME=START:STOP:COUNT", "compare {file} manta-g505")
         return Description("imaging chain", commands, properties)
+    if "patches" in content:
+        chart, _ = load_chart(path)
+        properties = {"name": chart.name, "patches": f"{len(chart.patches)}: {', '.join(chart.names)}"}
+        properties |= {"values": chart.quantity if chart.is_stated else "not stated"}
+        return Description("chart", ('image PICTURE --chart {file} --corners "X,Y X,Y X,Y X,Y"',), properties)
     if "emva1288" in content:
         return Description("EMVA 1288 data sheet", ("init chain my.toml --sensor {file}",))
     if "laboratory" in content:

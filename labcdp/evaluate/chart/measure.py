@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 #: Signal-to-noise ratios between which the range is stated, as measurements of dynamic range have them.
 SNR_LIMITS = (1.0, 2.0, 4.0, 10.0)
+#: Ratio of stated values from which two patches must be seen in this order, whatever glare and vignetting do.
+_ORDER_RATIO = 1.2
 #: Least contrast-to-noise ratio of neighbouring patches: their difference is as large as the noise.
 CNR_LIMIT = 1.0
 _Array = NDArray[np.float64]
@@ -149,6 +151,9 @@ def measure_chart(
         findings.append(info("chart-glare", glare=glare.value, U=glare.U, unit=chart.unit if by_chart else unit))
     if not by_chart:
         findings.append(warning("chart-not-stated"))
+    if by_chart and (wrong := _wrong_order(regions, axis, black | saturated)) is not None:
+        brighter, darker = wrong
+        findings.append(warning("chart-order", brighter=brighter, darker=darker))
     if clipped.any():
         names = [region.roi.name for region, is_clipped in zip(regions, clipped, strict=True) if is_clipped]
         findings.append(warning("chart-clipped", patches=names))
@@ -162,6 +167,22 @@ def measure_chart(
 
 def _is_black(chart: Chart, name: str) -> bool:
     return any(patch.black for patch in chart.patches if patch.roi.name == name)
+
+
+def _wrong_order(regions: Sequence[RegionLight], axis: _Array, left_out: NDArray[np.bool_]) -> tuple[str, str] | None:
+    """Return two patches whose means are in another order than their stated values by far, the brighter one first.
+
+    None if there are none: then the corners of the chart are in their order, and it is the right chart.
+    """
+    at = np.flatnonzero(~left_out).tolist()
+    means, stds = (np.array([getattr(regions[i], name) for i in at]) for name in ("mean", "std"))
+    excess = (means - means[:, None]) / np.maximum(np.hypot(stds, stds[:, None]), 1e-300)
+    # Stated as at least a fifth brighter, measured as darker by more than the noise of a pixel.
+    wrong = np.where(axis[at][:, None] > _ORDER_RATIO * axis[at], excess, -np.inf)
+    if not wrong.size or wrong.max() <= 1:
+        return None
+    brighter, darker = divmod(int(np.argmax(wrong)), len(at))
+    return regions[at[brighter]].roi.name, regions[at[darker]].roi.name
 
 
 def _clipped(regions: Sequence[RegionLight], means: _Array) -> NDArray[np.bool_]:

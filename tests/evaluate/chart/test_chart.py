@@ -83,10 +83,20 @@ def test_matrix_equals_single_pairs_and_targets_are_those_of_the_chart(labcdp, t
     assert contrast == pytest.approx(10**1.2 - 1, rel=1e-9)
 
 
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_a_chart_that_is_turned_is_noticed(labcdp, tmp_path, chart_path, turns):
+    make_picture(tmp_path / "chart.tif")
+    corners = CORNERS[turns:] + CORNERS[:turns]
+    result = evaluate(labcdp, tmp_path, "--chart", chart_path, "--corners", corners_text(corners), "--no-pages")
+    assert "chart-order" in {finding["code"] for finding in result["findings"]}
+
+
 def test_saturated_patches_have_no_cdp(labcdp, tmp_path, chart_path):
     make_picture(tmp_path / "chart.tif")
     result = evaluate(labcdp, tmp_path, "--chart", chart_path, "--corners", corners_text(CORNERS), "--no-pages")
-    assert {finding["code"] for finding in result["findings"]} >= {"chart-clipped"}
+    codes = {finding["code"] for finding in result["findings"]}
+    assert "chart-clipped" in codes
+    assert "chart-order" not in codes
     assert set(list(result["tables"]["cdp matrix"]["rows"][0].values())[1:]) == {None}
 
 

@@ -39,6 +39,13 @@ class DynamicRange:
         patch beyond, so that the range is at least this one.
     dips : tuple of float
         Luminances inside the range at which the figure is below the limit, as at the hand-over of an HDR camera.
+
+    Examples
+    --------
+    >>> from labcdp.metrics import dynamic_range
+    >>> found = dynamic_range([1, 2, 4, 8], [10, 14, 20, 28], 4)
+    >>> found.stops, round(found.decibels, 1), found.bound
+    (3.0, 18.1, '>')
     """
 
     limit: float

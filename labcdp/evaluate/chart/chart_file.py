@@ -18,7 +18,7 @@ from ...core.quantity import Z_95, Quantity
 from ...core.result import InputFile
 from ...regions.chart import MARGIN, Chart, ChartMark, ChartPatch
 from ...regions.shapes import EllipseShape, RectangleShape
-from ...session.tables import ConfigurationTable, Format, NotNegative, Number, Positive, Text
+from ...session.tables import ConfigurationTable, Format, NotNegative, Number, Positive, Text, Whole
 from ...session.validation import validated
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class _PatchTable(ConfigurationTable):
 
 
 class _MarkTable(ConfigurationTable):
-    number: int = Field(ge=0, le=49, description="a number of the dictionary ArUco 4x4_50, 0 to 49")
+    number: Whole = Field(le=49, description="a number of the dictionary ArUco 4x4_50, 0 to 49")
     x: Number = Field(description="the left edge of the mark, in the unit of the chart")
     y: Number = Field(description="the upper edge of the mark, in the unit of the chart")
     side: Positive = Field(description="the length of its black square, above 0")

@@ -188,16 +188,16 @@ def _check_filter(sensor_values: Any) -> None:
     if not isinstance(name, str) or name not in ("", *PATTERNS):
         raise InputError(f"colour_filter is {shown(name)}: give one of {', '.join(PATTERNS)}", key="colour_filter")
     wanted = dict.fromkeys(PATTERNS.get(name, ()))
-    stated = [one.name for one in sensor_values.planes]
+    stated = [plane.name for plane in sensor_values.planes]
     if sorted(stated) != sorted(wanted):
         raise InputError(
             f"planes has {', '.join(stated) or 'none'}: give {', '.join(wanted) or 'none without a colour_filter'}",
             key="planes",
         )
-    own = [one.name for one in sensor_values.photodiodes if one.quantum_efficiency is not None]
-    if wanted and own:
+    curved = [part.name for part in sensor_values.photodiodes if part.quantum_efficiency is not None]
+    if wanted and curved:
         raise InputError(
-            f"photodiode {shown(own[0])} has a quantum_efficiency beside the planes of a colour_filter: give its "
+            f"photodiode {shown(curved[0])} has a quantum_efficiency beside the planes of a colour_filter: give its "
             "light_share instead",
             key="photodiodes",
         )

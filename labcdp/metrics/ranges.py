@@ -244,12 +244,14 @@ class _Curve:
         covariance = np.linalg.pinv((design * weights[:, None] ** 2).T @ design)
         coefficients = covariance @ (design * weights[:, None] ** 2).T @ y
         low, high = sorted(self.log_levels[[outside, inside]].tolist())
-        place = _root(coefficients, target, low - middle, high - middle)
-        slope = float(np.polyval(np.polyder(coefficients), place))
-        row = np.vander([place], degree + 1)[0]
-        u_place = sqrt(max(float(row @ covariance @ row), 0.0)) / abs(slope) if slope and u.any() else 0.0
+        log_ratio = _root(coefficients, target, low - middle, high - middle)
+        slope = float(np.polyval(np.polyder(coefficients), log_ratio))
+        row = np.vander([log_ratio], degree + 1)[0]
+        u_log_ratio = sqrt(max(float(row @ covariance @ row), 0.0)) / abs(slope) if slope and u.any() else 0.0
         # Noise cannot move it far beyond the two patches, one of which is known to reach the limit.
-        return exp(middle + place), Interval(exp(middle + place - Z_95 * u_place), exp(middle + place + Z_95 * u_place))
+        return exp(middle + log_ratio), Interval(
+            exp(middle + log_ratio - Z_95 * u_log_ratio), exp(middle + log_ratio + Z_95 * u_log_ratio)
+        )
 
     def _near(self, outside: int, inside: int) -> tuple[_Array, _Array, _Array]:
         """Up to six patches about a crossing that have a figure, on the scale of interpolation."""

@@ -58,9 +58,9 @@ class RegionSpectrum(Parameters):
 
 def checked_spectra(spectra: Any, regions: Sequence[str]) -> tuple[RegionSpectrum, ...]:
     """Return spectra of regions, each once; raises InputError for another region."""
-    if not isinstance(spectra, list | tuple) or not all(isinstance(one, RegionSpectrum) for one in spectra):
+    if not isinstance(spectra, list | tuple) or not all(isinstance(spectrum, RegionSpectrum) for spectrum in spectra):
         raise InputError(f"spectra is {shown(spectra)}: give a list of labcdp.chain.RegionSpectrum", key="spectra")
-    names = [one.region for one in spectra]
+    names = [spectrum.region for spectrum in spectra]
     for name in names:
         if name not in regions or names.count(name) > 1:
             raise InputError(

@@ -168,13 +168,13 @@ def _require_moderate(n_columns: int, n_rows: int) -> None:
 
 def _of_sheet(data: bytes, path: AnyPath, what: str, is_header: Callable[[Sequence[str]], bool]) -> WrittenTable:
     sheets = read_sheets(data, path)
-    found = [table for sheet in sheets if (table := _table(sheet, is_header))]
-    if len(found) > 1:
-        names = shortened(", ".join(rows[0].sheet for rows in found))
+    with_header = [table for sheet in sheets if (table := _table(sheet, is_header))]
+    if len(with_header) > 1:
+        names = shortened(", ".join(rows[0].sheet for rows in with_header))
         raise InputError(f"{path} has several sheets with such a table ({names}): keep one of them, of {what}")
-    if not found:
+    if not with_header:
         raise InputError(f"{path} has no such table in its sheets ({shortened(titles(sheets))}): give {what}")
-    header, *rows = found[0]
+    header, *rows = with_header[0]
     try:
         _require_moderate(len(header.cells), len(rows))
     except InputError as error:

@@ -170,12 +170,14 @@ def _linear(session: Session, measured: SessionFrames) -> Characterisation:
         "gain_db": state.gain_db,
         "temperature_c": dark.model.temperature_c,
     }
-    found = with_findings(assemble(origin, points, darks, transfer, quantities), [*findings, *more, *meter_findings])
+    characterisation = with_findings(
+        assemble(origin, points, darks, transfer, quantities), [*findings, *more, *meter_findings]
+    )
     with suppress(CalibrationError):
         vignetting = natural_vignetting(session.configuration, state)
-        model = session_model(points, _luminances(session), vignetting, found.dark_noise_dn.value)
-        found = replace(found, general=model)
-    return found
+        model = session_model(points, _luminances(session), vignetting, characterisation.dark_noise_dn.value)
+        characterisation = replace(characterisation, general=model)
+    return characterisation
 
 
 def _reference(measured: SessionFrames) -> tuple[dict[float, MeasuredFrames], list[Finding]]:

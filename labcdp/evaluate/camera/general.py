@@ -151,30 +151,40 @@ def model_table(model: GeneralModel) -> Table:
     return Table.of_items("general", "Characteristic curve after EMVA 1288 General", columns, model.points, detail=True)
 
 
-def general_result(found: GeneralCharacterisation, title: str = "", inputs: Sequence[InputFile] = ()) -> Result:
+def general_result(
+    characterisation: GeneralCharacterisation, title: str = "", inputs: Sequence[InputFile] = ()
+) -> Result:
     """Return all numbers of a characterisation after EMVA 1288 General."""
-    state, (height, width) = found.state, found.state.image_shape
-    black, noise = found.black_level_dn, found.dark_noise_dn
+    state, (height, width) = characterisation.state, characterisation.state.image_shape
+    black, noise = characterisation.black_level_dn, characterisation.dark_noise_dn
     quantities = (
         NamedValue("dark signal µ_y.dark", black.value, "DN", black.note, black.u, black.U, "black_level_dn"),
         NamedValue("temporal dark noise", noise.value, "DN", noise.note, noise.u, noise.U, "dark_noise_dn"),
-        *model_quantities(found.model),
+        *model_quantities(characterisation.model),
     )
     configuration = {
-        "source": found.source,
-        "camera": found.camera,
+        "source": characterisation.source,
+        "camera": characterisation.camera,
         "definition": DEFINITION_GENERAL,
         "bits": state.bit_depth,
         "curve": None if state.companding is None else state.companding.identity,
         "gain_db": state.gain_db,
-        "temperature_c": found.temperature_c,
+        "temperature_c": characterisation.temperature_c,
         "height": height,
         "width": width,
     }
     table = quantity_table("characterisation", "Quantities after EMVA 1288 General", quantities)
-    tables = (table, model_table(found.model))
-    name = title or found.source
-    return Result("characterise", name, tables, found.findings, tuple(inputs), configuration, simulated=found.simulated)
+    tables = (table, model_table(characterisation.model))
+    name = title or characterisation.source
+    return Result(
+        "characterise",
+        name,
+        tables,
+        characterisation.findings,
+        tuple(inputs),
+        configuration,
+        simulated=characterisation.simulated,
+    )
 
 
 def model_figures(model: GeneralModel, simulated: bool) -> list[ReportFigure]:
@@ -214,27 +224,32 @@ def _values(model: GeneralModel, *names: str) -> list[list[float]]:
     return [[getattr(point, name) for point in model.points] for name in names]
 
 
-def general_files(found: GeneralCharacterisation, result: Result) -> dict[str, bytes]:
+def general_files(characterisation: GeneralCharacterisation, result: Result) -> dict[str, bytes]:
     """Return the files of a characterisation after EMVA 1288 General as `result_files` does."""
-    height, width = found.state.image_shape
-    curve = found.state.companding
+    height, width = characterisation.state.image_shape
+    curve = characterisation.state.companding
     expanded = "linear values" if curve is None else f"codes of the curve {curve}"
-    size = f"{width} x {height} pixels, {found.state.bit_depth} bits, {expanded}"
-    first, snr = model_figures(found.model, found.simulated)
+    size = f"{width} x {height} pixels, {characterisation.state.bit_depth} bits, {expanded}"
+    first, snr = model_figures(characterisation.model, characterisation.simulated)
     rows = {row["key"]: row for row in result.table("characterisation").rows()}
-    falls = [dip.fall_db for dip in found.model.dips]
+    falls = [dip.fall_db for dip in characterisation.model.dips]
     deepest = [f"general_dip_{int(np.argmax(falls)) + 1}_db"] if falls else []
     cards = [
         Card(capitalised(rows[key]["quantity"]), f"{rows[key]['value']:.4g} {rows[key]['unit']}".strip())
         for key in ("general_dynamic_range_db", "general_snr_max", "dark_noise_dn", *deepest)
     ]
-    facts = [("Source", found.source), ("Camera", found.camera), ("Images", size), ("Definitions", DEFINITION_GENERAL)]
+    facts = [
+        ("Source", characterisation.source),
+        ("Camera", characterisation.camera),
+        ("Images", size),
+        ("Definitions", DEFINITION_GENERAL),
+    ]
     sections = (
         Section("SNR at the input", (snr,)),
         Section("Points and provenance", (result.table("general"), facts_table(facts)), collapsed=True),
     )
     lead = (first, result.table("characterisation").only("quantity", "value", "expanded_value", "unit", "meaning"))
-    summary = f"{found.camera}, {size}"
+    summary = f"{characterisation.camera}, {size}"
     page = Page.of(result, "Characterisation after EMVA 1288 General", summary, cards, lead, sections)
     return result_files(result, page)
 

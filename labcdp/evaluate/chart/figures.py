@@ -90,8 +90,8 @@ def range_cards(chart: MeasuredChart) -> list[Card]:
     """Make a card for each dynamic range that the picture has."""
     cards = []
     unit = "" if chart.unit == "relative" else f" {chart.unit}"
-    for found in chart.ranges:
-        ends = found.range
+    for chart_range in chart.ranges:
+        ends = chart_range.range
         if not ends.stops > 0:
             continue
         lines = (
@@ -100,5 +100,5 @@ def range_cards(chart: MeasuredChart) -> list[Card]:
         )
         value = f"{ends.bound + ' ' if ends.bound else ''}{ends.stops:.2f} stops"
         detail = "the chart ends first" if ends.bound else f"95 %: ± {1.96 * ends.u_stops:.2f} stops"
-        cards.append(Card(f"Dynamic range, {range_name(found)} ≥ {ends.limit:g}", value, detail, lines))
+        cards.append(Card(f"Dynamic range, {range_name(chart_range)} ≥ {ends.limit:g}", value, detail, lines))
     return cards

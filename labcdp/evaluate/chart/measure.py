@@ -124,8 +124,7 @@ def measure_chart(
     -----
     The figures of merit are SNR of each patch, with the mean as it is and, where the chart has a black patch, less the
     veiling glare seen there; and of patches next to each other in luminance CNR and CDP, at the luminance of the darker
-    one. As stated luminances have no part in the figures, their uncertainties move the ends of a range, and not its
-    ratio more than those of two patches.
+    one. The uncertainties of the stated luminances are not part of the intervals of the ranges.
     """
     pixels = {roi.name: RegionPixels.from_map(luminance, roi) for roi in rois}
     regions = tuple(measure_region(region) for region in pixels.values())

@@ -27,7 +27,7 @@ _RANGE_NOTE = (
 
 def range_table(charts: Sequence[tuple[str, MeasuredChart]], several: bool) -> Table:
     """Return the dynamic ranges of charts in pictures, by the names of their files."""
-    items = [(file, chart, found) for file, chart in charts for found in chart.ranges]
+    items = [(file, chart, chart_range) for file, chart in charts for chart_range in chart.ranges]
     units = {chart.unit for _, chart in charts}
     unit = units.pop() if len(units) == 1 else ""
     unit = "" if unit == "relative" else unit
@@ -53,16 +53,16 @@ def range_table(charts: Sequence[tuple[str, MeasuredChart]], several: bool) -> T
         Column("ratio_to", "ratio, to", "", "Upper end of its 95 % interval.", shown=False,
                value=lambda i: i[2].range.ratio_interval.high),
         Column("dips", "dips at", unit, "Luminances inside the range at which the figure is below the limit.",
-               shown=any(found.range.dips for *_, found in items),
+               shown=any(chart_range.range.dips for *_, chart_range in items),
                value=lambda i: ", ".join(f"{level:.3g}" for level in i[2].range.dips)),
     )  # fmt: skip
     ordered = columns if several else (*columns[1:], columns[0])
     return Table.of_items("dynamic_range", "Dynamic range", ordered, items, _RANGE_NOTE)
 
 
-def range_name(found: ChartRange) -> str:
+def range_name(chart_range: ChartRange) -> str:
     """Return what a range is by, for tables and pages."""
-    return f"{found.figure} without glare" if found.without_glare else found.figure
+    return f"{chart_range.figure} without glare" if chart_range.without_glare else chart_range.figure
 
 
 def _end_columns(end: Literal["low", "high"], unit: str) -> tuple[Column, ...]:

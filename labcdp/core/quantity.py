@@ -45,6 +45,8 @@ class Quantity(Generic[Number]):
     coverage : float or None
         Coverage factor k of `U` where its distribution is neither normal nor that of Student, as of limits that
         prevail; None for that of `dof`.
+    ends : Interval or None
+        The 95 % interval where it does not lie evenly about the value, as of a share near 1; None for `value` ± `U`.
 
     Examples
     --------
@@ -55,6 +57,9 @@ class Quantity(Generic[Number]):
     2.15
     >>> float(luminance)
     102.0
+    >>> share = Quantity(0.99, 0.02, ends=Interval(0.93, 1.0))
+    >>> share.interval, round(share.U, 3)
+    (Interval(low=0.93, high=1.0), 0.035)
     """
 
     value: Number
@@ -63,6 +68,7 @@ class Quantity(Generic[Number]):
     note: str = ""
     dof: float = inf
     coverage: float | None = None
+    ends: Interval[Number] | None = None
 
     @property
     def k(self) -> float:
@@ -71,12 +77,16 @@ class Quantity(Generic[Number]):
 
     @property
     def U(self) -> Number:  # noqa: N802 - the symbol of the GUM
-        """Expanded uncertainty (95 %)."""
+        """Expanded uncertainty (95 %), half the width of `interval`."""
+        if self.ends is not None:
+            return (self.ends.high - self.ends.low) / 2
         return self.k * self.u
 
     @property
     def interval(self) -> Interval[Number]:
-        """95 % interval, `value` - `U` to `value` + `U`."""
+        """95 % interval: `ends`, or `value` - `U` to `value` + `U`."""
+        if self.ends is not None:
+            return self.ends
         return Interval(self.value - self.U, self.value + self.U)
 
     @property
@@ -101,7 +111,9 @@ class Quantity(Generic[Number]):
     @property
     def U_rel(self) -> Number:  # noqa: N802 - the symbol of the GUM
         """Expanded uncertainty (95 %) relative to the absolute value."""
-        return self.k * self.u_rel
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio: Number = as_number(np.divide(self.U, np.abs(self.value)))
+        return ratio
 
     def over(self, other: Quantity, unit: str, note: str = "", power: int = 1) -> Quantity[Number]:
         """Return the ratio to a power of an independent quantity, by the law of propagation (JCGM 100:2008, 5.1.2).
@@ -109,7 +121,7 @@ class Quantity(Generic[Number]):
         Examples
         --------
         >>> Quantity(10.0, 0.3, "DN").over(Quantity(2.0, 0.08, "DN/e-"), "e-")
-        Quantity(value=5.0, u=0.25, unit='e-', note='', dof=inf, coverage=None)
+        Quantity(value=5.0, u=0.25, unit='e-', note='', dof=inf, coverage=None, ends=None)
         """
         divisor = other.value**power
         value = self.value / divisor

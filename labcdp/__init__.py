@@ -1,6 +1,7 @@
 """labcdp computes how probable it is that a camera still detects a contrast.
 
 - `cdp`, `cdp_matrix`, `cdp_neighbours`: contrast detection probability (CDP) of pixels
+- `colour_separation`: how well a camera tells two colours apart
 - `read_image`, `open_video`: pictures and videos, with regions, as luminance
 - `Session`: recorded bench sessions, their calibration and evaluation
 - `Chain`: the simulated imaging chain, runs and sweeps
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from .metrics import cdp as cdp
     from .metrics import cdp_matrix as cdp_matrix
     from .metrics import cdp_neighbours as cdp_neighbours
+    from .metrics import colour_separation as colour_separation
 
     __version__: str
 
@@ -66,6 +68,7 @@ _HOME = {
     "cdp": "metrics",
     "cdp_matrix": "metrics",
     "cdp_neighbours": "metrics",
+    "colour_separation": "metrics",
     "compare": "api.compare",
     "open_video": "api.video",
     "read_dataset": "api.accessor",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from xarray import Dataset
 
+from ..core.errors import InputError
 from ..core.luminance import LuminanceMap
 from ..core.result import Finding
 from ..core.roi import Roi, regions_table
@@ -15,6 +16,9 @@ from ..metrics import Epsilon
 from ..metrics.pair import evaluate_pair
 from .arguments import Contrasts, Tolerance, as_contrasts
 from .variables import at_contrasts, cdp_variables, described, pair_variables
+
+if TYPE_CHECKING:
+    from ..evaluate.colour.measure import Colours
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -35,6 +39,8 @@ class ImageRegions:
         The regions.
     pairs : tuple of (str, str)
         Names of the pairs that are evaluated.
+    colours : callable
+        Makes the colours of the picture.
     """
 
     name: str
@@ -43,6 +49,7 @@ class ImageRegions:
     attributes: Callable[[Epsilon, Sequence[Finding], Sequence[tuple[Roi, Roi]]], dict[str, Any]]
     rois: tuple[Roi, ...]
     pairs: tuple[tuple[str, str], ...]
+    colours: Callable[[], Colours]
 
     def cdp(self, contrasts: Contrasts | None = None, epsilon: Tolerance = 0.5) -> Dataset:
         """Compute the contrast detection probability of each pair.
@@ -80,6 +87,36 @@ class ImageRegions:
         attributes = self.attributes(request.epsilon, [finding for pair in pairs for finding in pair.findings], regions)
         measured = ("pair", [pair.contrast.value for pair in pairs])
         return described(at_contrasts(Dataset(data, coordinates, attributes), request, measured))
+
+    def colour_separation(self, epsilon: float | str = 0.5) -> Dataset:
+        """Tell how well the colours of both regions of each pair can be told apart.
+
+        Parameters
+        ----------
+        epsilon : float or str
+            Relative tolerance of the difference of chromaticity, above 0 and up to 1, or a percentage.
+
+        Returns
+        -------
+        xarray.Dataset
+            Over pair: the Mahalanobis distance ``colour_distance``, the colour separation probability ``csp`` and
+            ``csp_own``, and ``colours_detected``, the share of the pairs of pixels that keep the difference, each with
+            its 95 % interval and standard uncertainty; see `labcdp.colour_separation`.
+
+        Raises
+        ------
+        InputError
+            If the picture is grey, or a region is too small.
+        """
+        from ..evaluate.colour.measure import colour_dataset, measure_colours
+
+        tolerance = as_contrasts(None, epsilon).epsilon
+        if not isinstance(tolerance, int | float):
+            raise InputError("epsilon has two ends: give one number for the colours of regions")
+        pairs = measure_colours(self.colours(), self.rois, self.pairs, tolerance)
+        findings = [finding for pair in pairs for finding in pair.separation.findings]
+        attributes = self.attributes(tolerance, findings, ()) | {"title": "colour separation of a picture"}
+        return described(colour_dataset(pairs, attributes))
 
     def __repr__(self) -> str:
         return f"<labcdp.ImageRegions of {self.name}: regions: {len(self.rois)}, pairs: {len(self.pairs)}>"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -41,6 +41,9 @@ from .arguments import (
 )
 from .image_regions import ImageRegions
 from .variables import at_contrasts, cdp_variables, described, noted
+
+if TYPE_CHECKING:
+    from ..evaluate.colour.measure import Colours
 
 
 class StatedOfVideo(TypedDict, total=False):
@@ -218,7 +221,13 @@ class Image:
         """
         height, width = self.shape
         rois = as_rois(regions, (width, height))
-        return ImageRegions(self.path.name, self.luminance, self.unit, self.attributes, rois, as_pairs(rois, pairs))
+        chosen = as_pairs(rois, pairs)
+        return ImageRegions(self.path.name, self.luminance, self.unit, self.attributes, rois, chosen, self._colours)
+
+    def _colours(self) -> Colours:
+        from ..evaluate.picture.colours import picture_colours
+
+        return picture_colours(self.picture, self.converter)
 
     def cdp_neighbours(
         self, contrasts: Contrasts | None = None, epsilon: Tolerance = 0.5, *, rectangle: Rectangle | None = None

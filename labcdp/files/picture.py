@@ -64,6 +64,28 @@ class PictureFile:
 
 
 @dataclass(frozen=True, eq=False)
+class StoredColours:
+    """Red, green and blue as a file stores them.
+
+    Parameters
+    ----------
+    values : ndarray of uint8 or uint16, shape (height, width, 3)
+        The values.
+    bits : int
+        Bits of their scale.
+    encoding : str
+        How they are encoded.
+    saturated : ndarray of bool, shape (height, width)
+        Pixels of which a colour is at its highest value.
+    """
+
+    values: NDArray[np.unsignedinteger[Any]]
+    bits: int
+    encoding: Encoding
+    saturated: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
 class Picture(PictureFile):
     """An image file that was read.
 
@@ -93,6 +115,8 @@ class Picture(PictureFile):
         What is doubtful about the values.
     lens : Lens or None
         The lens by the plan of the session it was recorded in; None for others.
+    rgb : StoredColours or None
+        The colours that `frame` was made of; None for others.
 
     Examples
     --------
@@ -116,6 +140,7 @@ class Picture(PictureFile):
     luminance: LuminanceMap | None = None
     doubts: Doubts = CERTAIN
     lens: Lens | None = None
+    rgb: StoredColours | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -36,7 +36,7 @@ from .frame import (
     with_stated_levels,
 )
 from .kinds import EXR, HEAD_BYTES, JPEG, NPY, PNG, TIFF, ZIP, no_picture
-from .picture import Picture, PictureOptions, with_overrides
+from .picture import Picture, PictureOptions, StoredColours, with_overrides
 from .statements import NOTHING_STATED, FileStatements
 from .stored_image import INTEGERS, MOST_BITS, SCREEN_BITS, Stored, decoded_by_table, grey_finding, luminance_dn
 from .transfer import Encoding, encoding_name
@@ -322,10 +322,12 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
         encoding, scale, white_dn = "linear", _OF_LIGHT, None
     if by_table or coloured:
         known = replace(known, pixel_format=None, saturation_dn=None, black_level_dn=None)
+    rgb = None
     if coloured:
         dn = luminance_dn(values, scale.bits, encoding, statements.weights)
         frame = make_frame(dn, _OF_LIGHT, known, taken)
         clipped = np.any(values >= saturation_dn if clipped is None else clipped, axis=2)
+        rgb = StoredColours(values, scale.bits, encoding, clipped)
         findings.append(grey_finding(encoding, statements.weights))
     else:
         frame = with_stated_levels(make_frame(values, scale, known, taken), statements.black, white_dn)
@@ -344,6 +346,7 @@ def _picture(stored: Stored, path: Path, sha256: str, options: PictureOptions) -
         coloured=coloured,
         guessed_by=guessed_by,
         doubts=doubts,
+        rgb=rgb,
     )
 
 

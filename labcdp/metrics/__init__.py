@@ -20,10 +20,12 @@ from .spread import ContrastDistribution, contrast_distribution, contrast_histog
 from .uncertainty import pixels_needed
 
 if TYPE_CHECKING:
+    from .colour import ColourSeparation, colour_separation
     from .ranges import DynamicRange, dynamic_range
 
 __all__ = [
     "Cdp",
+    "ColourSeparation",
     "ContrastDefinition",
     "ContrastDistribution",
     "DetectionInterval",
@@ -35,6 +37,7 @@ __all__ = [
     "cdp_matrix",
     "cdp_neighbours",
     "cnr",
+    "colour_separation",
     "contrast_distribution",
     "contrast_histogram",
     "csnr",
@@ -49,11 +52,18 @@ __all__ = [
     "weber_contrast_of_means",
 ]
 
+#: Modules that evaluations of a pair do not need.
+_LAZY = {
+    "ColourSeparation": "colour",
+    "DynamicRange": "ranges",
+    "colour_separation": "colour",
+    "dynamic_range": "ranges",
+}
+
 
 def __getattr__(name: str) -> Any:
-    # Evaluations of a pair do not need it.
-    if name in ("DynamicRange", "dynamic_range"):
+    if name in _LAZY:
         from importlib import import_module
 
-        return getattr(import_module(f"{__name__}.ranges"), name)
+        return getattr(import_module(f"{__name__}.{_LAZY[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

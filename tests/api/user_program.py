@@ -22,6 +22,10 @@ def probabilities() -> float:
         np.arange(1, 101).reshape(10, 10), np.array([0.1, 0.2])
     )
     matrix: xr.Dataset = labcdp.cdp_matrix({"bright": bright, "dark": dark}, 0.2)
+    rng = np.random.default_rng(0)
+    red, green = (rng.normal(mean, 5, (100, 3)) for mean in ((60, 50, 50), (50, 60, 50)))
+    separation: labcdp.metrics.ColourSeparation = labcdp.colour_separation(red, green)
+    assert separation.distance.value > 2
     assert float(matrix.cdp.sel(bright="bright", dark="dark")) == one.cdp
     return number + float(array.sum()) + float(neighbours.cdp.mean())
 

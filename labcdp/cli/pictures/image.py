@@ -62,6 +62,7 @@ def image(
     rectangle: Annotated[tuple[int, int, int, int] | None, As(parse=_rectangle)] = None,
     chart: Path | None = None,
     corners: Annotated[tuple[tuple[float, float], ...] | None, As(parse=_corners)] = None,
+    colours: bool = False,
     pages: bool = True,
     surface: bool = False,
 ) -> None:
@@ -84,6 +85,9 @@ def image(
         patches are found by its marks, by --corners, or are the regions of --roi with their names.
     corners : "X,Y X,Y X,Y X,Y"
         Corners of the chart in pixels: upper left, upper right, lower right, lower left, as the chart is read.
+    colours
+        Also tell how well the colours of the regions of each pair can be told apart: distance, colour separation
+        probability (CSP), and the share of pairs of pixels that keep the difference of colour.
     pages
         Write a page with figures for each picture, or only the tables.
     surface
@@ -92,7 +96,7 @@ def image(
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
     require_kind(files, no_picture)
-    settings, paths = _settings(pairs, light, rectangle, chart, corners), each_once(picture_paths(files))
+    settings, paths = _settings(pairs, light, rectangle, chart, corners, colours), each_once(picture_paths(files))
     with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
         pictures, result = _evaluated(paths, settings, pages, surface, folder)
         failed = [picture for picture in pictures if picture.source is None]
@@ -135,6 +139,7 @@ def _settings(
     rectangle: tuple[int, int, int, int] | None,
     chart_file: Path | None,
     corners: tuple[tuple[float, float], ...] | None,
+    colours: bool,
 ) -> ImageSettings:
     if rectangle is not None:
         chosen = replace(chosen, neighbours=True)
@@ -167,6 +172,7 @@ def _settings(
         neighbours=chosen.neighbours,
         rectangle=rectangle,
         chart=chart,
+        colours=colours,
         converter=light.converter(),
         image_size=image_size,
         inputs=(*files, *light.inputs()),

@@ -191,7 +191,7 @@ class Converter:
                     "specifications convert DN; leave them out to get relative values"
                 )
             invalid = np.where(np.isfinite(picture.light), 0, Invalid.DEFECT).astype(np.uint8)
-            light, vignetting = picture.light, self._vignetting_of(picture)
+            light, vignetting = picture.light, self.picture_vignetting(picture)
             if isinstance(vignetting, Cos4Vignetting):
                 light = (light / vignetting.relative_illuminance(picture.shape)).astype(np.float32)
             return AssumedVignettingMap(light, np.zeros_like(light), (), invalid, vignetting)
@@ -200,7 +200,7 @@ class Converter:
             raise InputError(no_exposure(picture.path))
         encoding: Encoding = "linear" if picture.coloured else picture.encoding
         try:
-            return self._map(frame, encoding, WHOLE, picture.f_number, self._vignetting_of(picture))
+            return self._map(frame, encoding, WHOLE, picture.f_number, self.picture_vignetting(picture))
         except CalibrationError as error:
             raise CalibrationError(f"{picture.path}: {error}") from error
 
@@ -257,8 +257,8 @@ class Converter:
             )
         return picture.frame
 
-    def _vignetting_of(self, picture: Picture) -> AssumedVignetting | None:
-        """Return the vignetting of a picture that is taken; None for none, and for luminance."""
+    def picture_vignetting(self, picture: Picture) -> AssumedVignetting | None:
+        """Return the vignetting that is assumed of a picture; None for none, and for luminance."""
         if picture.light_is_cd_m2:
             return None
         readout = None if picture.frame is None else picture.frame.readout
@@ -293,7 +293,7 @@ class Converter:
             unused += [warning("lens-ignored", given=what) for what in given]
             return (*picture.findings, *unused)
         frame = picture.frame
-        findings = [*self.vignetting_findings(self._vignetting_of(picture)), *self.doubt_findings(picture.doubts)]
+        findings = [*self.vignetting_findings(self.picture_vignetting(picture)), *self.doubt_findings(picture.doubts)]
         if frame is not None and self.calibration is not None:
             findings += _calibration_findings(self.calibration, picture, frame)
         elif frame is not None:

@@ -61,6 +61,10 @@ def picture_figures(measured: MeasuredPicture, picture: Picture, luminance: Lumi
         len(pair.cdp) > 1 and np.isfinite(pair.cdp.cdp).any() for pair in measured.contrasts
     ):
         figures.append(_curves([(pair.name, pair.cdp) for pair in measured.contrasts]))
+    if measured.colours:
+        from ..colour.figures import colour_figure
+
+        figures.append(colour_figure(measured.colours))
     return [*figures, _values(measured, picture, luminance)]
 
 

@@ -16,6 +16,7 @@ from .settings import ImageSettings
 
 if TYPE_CHECKING:
     from ..chart.measure import MeasuredChart
+    from ..colour.measure import PairColours
 
 #: Contrast of two regions, or of neighbouring pixels.
 AnyContrast: TypeAlias = Pair | NeighbourPair
@@ -47,6 +48,8 @@ class MeasuredPicture:
         Why it could not be evaluated.
     chart : MeasuredChart or None
         Its chart, if one was asked for.
+    colours : tuple of PairColours
+        Colours of its pairs, if they were asked for.
     """
 
     file: str
@@ -59,6 +62,7 @@ class MeasuredPicture:
     folder: str = ""
     failure: str = ""
     chart: MeasuredChart | None = None
+    colours: tuple[PairColours, ...] = ()
 
     @property
     def contrasts(self) -> tuple[AnyContrast, ...]:

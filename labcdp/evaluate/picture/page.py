@@ -54,6 +54,7 @@ def picture_page(
     named = {figure.file_name: figure for figure in figures}
     lead: list[Block] = [named.pop("picture.png")]
     values = named.pop("values.png")
+    clouds = named.pop("colours.png", "")
     details: list[Block] = [*named.values()]
     for table in result.tables_named("cdp"):
         if picture.chart is None:
@@ -69,10 +70,17 @@ def picture_page(
         figure = luminance_figure([(picture.file, picture.chart)])
         blocks: list[Block] = [figure, matrix_figure(picture.chart), *result.tables_named("chart")]
         of_chart = [Section("Chart", blocks)]
+    of_colours: list[Section] = []
+    if picture.colours:
+        from ..colour.figures import colour_cards
+
+        cards += colour_cards(picture.colours)
+        of_colours = [Section("Colours", [clouds, *result.tables_named("colour_separation")])]
     links = [Links([("The luminance as a surface that can be turned", "surface.html")])] if surface else []
     sections = [
         *(Section("Requirement", [table]) for table in result.tables_named("requirement")),
         *of_chart,
+        *of_colours,
         Section("Contrasts", details),
         Section("Regions and values", [*result.tables_named("regions"), values]),
         *(Section("Surface", [link]) for link in links),

@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from ...core.result import Finding, InputFile, Result, error, unique, warning
+from ...files.picture import Picture
 from ...files.read import read_picture
 from ...regions import require_on_image
 from ...report.files import envelope_json
@@ -43,6 +44,8 @@ def evaluate_picture(
     luminance = converter.luminance(picture)
     settings = settings.located(luminance)
     measured = measure_picture(luminance, converter.source(picture), settings)
+    if settings.colours:
+        measured = _with_colours(measured, picture, settings)
     pairs = [(pair.bright_region.roi, pair.dark_region.roi) for pair in measured.pairs]
     findings = converter.with_pairs(measured.findings, picture, luminance, pairs)
     measured = replace(measured, file=str(path), findings=findings)
@@ -59,6 +62,18 @@ def evaluate_picture(
 
         made["surface.html"] = surface_page(luminance, path.name, measured.unit).encode()
     return measured, result, made
+
+
+def _with_colours(measured: MeasuredPicture, picture: Picture, settings: ImageSettings) -> MeasuredPicture:
+    """Return a measured picture with the colours of its pairs; raises InputError if it is grey."""
+    from ..colour.measure import measure_colours
+    from .colours import picture_colours
+
+    colours = picture_colours(picture, settings.converter)
+    assert isinstance(settings.epsilon, int | float)
+    pairs = measure_colours(colours, settings.rois, settings.chosen_pairs, settings.epsilon)
+    findings = [finding for pair in pairs for finding in pair.separation.findings]
+    return replace(measured, colours=pairs, findings=unique([*measured.findings, *findings]))
 
 
 def image_result(pictures: Sequence[MeasuredPicture], settings: ImageSettings) -> Result:
@@ -86,6 +101,11 @@ def image_result(pictures: Sequence[MeasuredPicture], settings: ImageSettings) -
         tables.append(patch_table(charts, several))
         # Of several pictures each has its page with the matrix.
         tables += matrix_tables(charts[0][1]) if not several else ()
+    colours = [(picture.file, picture.colours) for picture in pictures if picture.colours]
+    if colours:
+        from ..colour.tables import colour_table
+
+        tables.append(colour_table(colours, several))
     regions = region_table(pictures, several)
     tables += [regions.as_detail() if charts else regions, picture_table(pictures, several)]
     if several and contrasts is not None and len(pictures) <= _MOST_PICTURES:

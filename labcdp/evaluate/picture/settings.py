@@ -49,6 +49,8 @@ class ImageSettings:
     chart : Chart or None
         Chart whose patches the regions are; without regions they are found by its marks in each picture. All its
         patches are compared with all, and pairs are by default those next to each other in stated luminance.
+    colours : bool
+        Whether the colours of the pairs are to be separated.
     converter : Converter
         Converter of values to luminance; relative by default.
     image_size : (int, int) or None
@@ -79,6 +81,7 @@ class ImageSettings:
     cdp_limit: float = CDP_LIMIT
     requirement: Requirement | None = None
     chart: Chart | None = None
+    colours: bool = False
     converter: Converter = RELATIVE
     image_size: tuple[int, int] | None = None
     inputs: tuple[InputFile, ...] = ()
@@ -94,6 +97,10 @@ class ImageSettings:
                     raise InputError(f"there is no region {name!r}: choose from {', '.join(names) or 'none'}")
             if pair[0] == pair[1]:
                 raise InputError(f"region {pair[0]!r} is paired with itself: give two regions")
+        if self.colours and not names:
+            raise InputError("the colours of regions are asked for, but there are none: give regions")
+        if self.colours and not isinstance(self.epsilon, int | float):
+            raise InputError("the tolerance has two ends: give one number for the colours of regions")
         if self.pairs is None and len(names) == 1 and not self.neighbours:
             raise InputError(f"region {names[0]!r} is the only one: a contrast needs two regions")
         if self.pairs is None and self.chart is None and len(names) > MOST_REGIONS_FOR_ALL_PAIRS:
@@ -112,6 +119,7 @@ class ImageSettings:
             **{name: getattr(self, name) for name in names},
             "pairs": self.chosen_pairs,
             **({} if self.chart is None else {"chart": self.chart.name}),
+            **({"colours": True} if self.colours else {}),
             **required,
             "conversion": self.converter.description,
             "encoding": options.override("encoding"),

@@ -1,0 +1,1 @@
+"""How well a camera tells the colours of regions apart."""

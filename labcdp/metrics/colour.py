@@ -228,7 +228,8 @@ class ColourRegion:
     @property
     def covariance(self) -> _Array:
         """Covariance of the planes, with n - 1."""
-        return np.cov(self.pixels, rowvar=False)
+        covariance: _Array = np.cov(self.pixels, rowvar=False)
+        return covariance
 
     @cached_property
     def inflation(self) -> float:
@@ -247,7 +248,8 @@ class ColourRegion:
     def chromaticity(self) -> _Array:
         """Share of each plane in the sum of all; nan of pixels whose sum is not above 0."""
         sums = self.pixels.sum(axis=1, keepdims=True)
-        return np.divide(self.pixels, sums, out=np.full(self.pixels.shape, nan), where=sums > 0)
+        shares: _Array = np.divide(self.pixels, sums, out=np.full(self.pixels.shape, nan), where=sums > 0)
+        return shares
 
 
 def _inverse(covariance: _Array) -> _Array:

@@ -41,7 +41,7 @@ class Colours:
         Pixels of the picture from one to the next: 2 of a colour filter.
     """
 
-    values: _Array
+    values: NDArray[np.floating[Any]]
     names: tuple[str, ...]
     saturated: NDArray[np.bool_]
     step: int

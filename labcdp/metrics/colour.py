@@ -228,8 +228,8 @@ class ColourRegion:
     @property
     def covariance(self) -> _Array:
         """Covariance of the planes, with n - 1."""
-        covariance: _Array = np.cov(self.pixels, rowvar=False)
-        return covariance
+        covariance = np.cov(self.pixels, rowvar=False)
+        return np.asarray(covariance, dtype=np.float64)
 
     @cached_property
     def inflation(self) -> float:

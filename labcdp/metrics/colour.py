@@ -248,8 +248,8 @@ class ColourRegion:
     def chromaticity(self) -> _Array:
         """Share of each plane in the sum of all; nan of pixels whose sum is not above 0."""
         sums = self.pixels.sum(axis=1, keepdims=True)
-        shares: _Array = np.divide(self.pixels, sums, out=np.full(self.pixels.shape, nan), where=sums > 0)
-        return shares
+        shares = np.divide(self.pixels, sums, out=np.full(self.pixels.shape, nan), where=sums > 0)
+        return np.asarray(shares, dtype=np.float64)
 
 
 def _inverse(covariance: _Array) -> _Array:

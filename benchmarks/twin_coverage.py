@@ -38,7 +38,8 @@ from labcdp.core.clock import SystemClock
 from labcdp.core.errors import LabcdpError
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity
-from labcdp.drivers.minolta_ls.protocol import LS110, parse_reading
+from labcdp.drivers.minolta.data_sheet import LS110
+from labcdp.drivers.minolta.protocol import parse_reading
 from labcdp.drivers.simulated.faults import Drifts
 from labcdp.drivers.simulated.meter import MeterErrorModel, SimulatedLS
 from labcdp.drivers.simulated.target import SimulatedTarget

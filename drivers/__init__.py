@@ -7,7 +7,11 @@ from .aravis.library import CameraInfo, discover
 from .camera import Camera, CameraError
 from .camera_settings import CameraSettings
 from .meter import Meter, MeterError
-from .minolta_ls.meter import DRIVERS, MinoltaLS, MinoltaLS100, MinoltaLS110, find_meter_ports
+from .minolta.cs100a import MinoltaCS100A
+from .minolta.ls import MinoltaLS100, MinoltaLS110
+from .minolta.meter import SerialMeter, find_meter_ports
+from .minolta.models import DRIVERS
+from .minolta.program import MinoltaCS150, MinoltaCS160, MinoltaLS150, MinoltaLS160
 from .replay import ReplayCamera, ReplayMeter
 
 __all__ = [
@@ -18,8 +22,13 @@ __all__ = [
     "CameraSettings",
     "Meter",
     "MeterError",
+    "MinoltaCS100A",
+    "MinoltaCS150",
+    "MinoltaCS160",
     "MinoltaLS100",
     "MinoltaLS110",
+    "MinoltaLS150",
+    "MinoltaLS160",
     "ReplayCamera",
     "ReplayMeter",
     "discover",
@@ -54,15 +63,15 @@ def open_camera(selector: str | None = None, patience_s: float = 0.0) -> AravisC
     return AravisCamera(selector, patience_s=patience_s).open()
 
 
-def open_meter(port: str, model: SerialMeterModel = "LS-110", identity: MeterIdentity | None = None) -> MinoltaLS:
+def open_meter(port: str, model: SerialMeterModel = "LS-110", identity: MeterIdentity | None = None) -> SerialMeter:
     """Open a luminance meter; close it, or use it as a context manager.
 
     Parameters
     ----------
     port : str
-        Serial port, for example ``/dev/ttyUSB0``.
-    model : {'LS-110', 'LS-100'}
-        Its model, which it cannot report.
+        Serial port, for example ``/dev/ttyUSB0``; ``socket://HOST:PORT`` for a meter behind a program.
+    model : str
+        Its model, which it cannot report: a key of `labcdp.drivers.minolta.models.DRIVERS`.
     identity : MeterIdentity or None
         Serial number and calibration date, for its readings.
 
@@ -84,6 +93,6 @@ def open_meter(port: str, model: SerialMeterModel = "LS-110", identity: MeterIde
         raise MeterError(
             f"port is {shown(port)}, model {shown(model)}", f"give a port, and one of {', '.join(DRIVERS)}"
         )
-    meter = DRIVERS[model](port, identity).open()
+    meter = DRIVERS[model].configured(port, identity).open()
     meter.ask_if_simulated()
     return meter

@@ -25,7 +25,7 @@ from ..computer import (
     raise_receive_limit,
 )
 from ..device import size
-from ..minolta_ls.meter import find_meter_ports
+from ..minolta.meter import find_meter_ports
 from ..network import Interface, interface_checks, interfaces
 from .meter import serial_port_check
 

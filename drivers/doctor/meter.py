@@ -10,7 +10,8 @@ import stat
 from ...core.reading import SerialMeterModel
 from ..check import Check, State
 from ..meter import MeterError, MeterNotFoundError, MeterReportedError, MeterTimeoutError, require_mode
-from ..minolta_ls.meter import DRIVERS, MinoltaLS
+from ..minolta.ls import MinoltaLS
+from ..minolta.models import DRIVERS
 
 #: Debian's group with access to serial ports.
 _GROUP = "dialout"
@@ -65,17 +66,15 @@ def _is_member(user: str, group: int) -> bool:
 #: Memory value error: answer of a meter queried for a reading before the first measurement.
 _NOTHING_HELD = "ER11"
 
-_REMOTE_MODE = "switch the meter off, hold F while switching it on so that it shows C, and check the cable LS-A12"
-
 
 def check_meter(port: str, model: SerialMeterModel = "LS-110", timeout_s: float = 6.0) -> list[Check]:
-    """Open a meter, set its modes, read its display, and close it again, without a measurement.
+    """Open a meter, set it up, read the display of an LS-100 or LS-110, and close it again, without a measurement.
 
     Parameters
     ----------
     port : str
-        Serial port, for example ``/dev/ttyUSB0``.
-    model : {'LS-110', 'LS-100'}
+        Serial port, for example ``/dev/ttyUSB0``, or ``socket://HOST:PORT``.
+    model : str
         Its model, which it cannot report.
     timeout_s : float
         Longest wait for an answer, in seconds; the meter itself gives up after 5 s.
@@ -85,18 +84,20 @@ def check_meter(port: str, model: SerialMeterModel = "LS-110", timeout_s: float 
     list of Check
         Errors of the meter are returned as findings.
     """
-    permission = serial_port_check(port, needed=True)
-    if permission.state == "fault":
-        return [permission]
-    checks = [permission]
+    checks = [] if "://" in port else [serial_port_check(port, needed=True)]
+    if checks and checks[0].state == "fault":
+        return checks
     try:
-        with DRIVERS[model](port, timeout_s=timeout_s) as meter:
-            checks.append(Check("meter", "good", f"it answers, and took PRESET, ABS, FAST and CONT (as {model})"))
-            checks.append(_unit(meter))
+        with DRIVERS[model].configured(port, timeout_s=timeout_s) as meter:
+            if isinstance(meter, MinoltaLS):
+                checks.append(Check("meter", "good", f"it answers, and took PRESET, ABS, FAST and CONT (as {model})"))
+                checks.append(_unit(meter))
+            else:
+                checks.append(Check("meter", "good", f"it answers, and took its settings (as {model})"))
     except MeterNotFoundError as error:
         checks.append(Check.failed("port", error))
     except MeterTimeoutError as error:
-        checks.append(Check("meter", "fault", error.cause, _REMOTE_MODE))
+        checks.append(Check("meter", "fault", error.cause, error.remedy))
     except MeterError as error:
         checks.append(Check.failed("meter", error))
     return checks

@@ -19,7 +19,8 @@ from ..aravis.library import CameraInfo, genicam_xml
 from ..aravis.link import connect
 from ..aravis.settings import understood_gains
 from ..meter import MeterError
-from ..minolta_ls.meter import DRIVERS
+from ..minolta.ls import MinoltaLS
+from ..minolta.models import DRIVERS
 from .computer import debian_packages
 
 
@@ -65,8 +66,9 @@ def meter_files(port: str, model: SerialMeterModel, timeout_s: float = 6.0) -> d
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "meter.jsonl")
-        with suppress(MeterError), DRIVERS[model](port, timeout_s=timeout_s, transcript=path) as meter:
-            for use in (meter.measure, meter.read_held):
+        driver = DRIVERS[model].configured(port, timeout_s=timeout_s, transcript=path)
+        with suppress(MeterError), driver as meter:
+            for use in (meter.measure, *([meter.read_held] if isinstance(meter, MinoltaLS) else [])):
                 with suppress(MeterError):
                     use()
         return {path.name: path.read_bytes()} if path.exists() else {}

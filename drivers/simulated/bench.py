@@ -10,9 +10,14 @@ from typing import Self
 from ...chain import ImagingChain, Optics
 from ...core.clock import Clock, SystemClock
 from ...core.errors import ConfigurationError
+from ...core.photometry import THESIS_SPECTRUM
+from ...core.spectra import chromaticity
 from ...session import SessionConfiguration
 from ..manual import stated_accuracy
-from ..minolta_ls.meter import DRIVERS, MinoltaLS
+from ..minolta.cs100a import MinoltaCS100A
+from ..minolta.meter import SerialMeter
+from ..minolta.models import configured_meter
+from ..minolta.program import ProgramMeter
 from .commands import Command, parse_command, parse_schedule
 from .device import SimulatedDevice
 from .devices import SimulatedDevices
@@ -20,7 +25,7 @@ from .faults import Drifts, Misfortune
 from .genicam import standard_features
 from .gige_camera import SimulatedGigECamera
 from .in_process import InProcessCamera
-from .meter import SimulatedDisplay, SimulatedLS
+from .meter import SimulatedCS100A, SimulatedDisplay, SimulatedLS, SimulatedMeter, SimulatedProgram
 from .port import InProcessPort
 from .pty import PtyMeter
 from .target import SimulatedTarget
@@ -73,7 +78,7 @@ class SimulatedBench:
         self.pointed_at = configuration.target.patches[0].name
         self._misfortune = Misfortune(self._clock, self._drifts, devices.seed)
         self._repeated = set(repeated)
-        self._meters: list[SimulatedLS | SimulatedDisplay] = []
+        self._meters: list[SimulatedMeter | SimulatedDisplay] = []
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -130,10 +135,11 @@ class SimulatedBench:
         self._misfortune.add_meter(port)
         return port
 
-    def in_process_meter(self, response_time_s: float = 0.8) -> MinoltaLS:
+    def in_process_meter(self, response_time_s: float = 0.8) -> SerialMeter:
         """Return the driver of the meter on a port in this process."""
-        identity = replace(self._configuration.meter.identity, simulated=True)
-        return DRIVERS[identity.model](self.in_process_port(response_time_s), identity)
+        described = self._configuration.meter
+        identity = replace(described.identity, simulated=True)
+        return configured_meter(described, self.in_process_port(response_time_s), identity)
 
     def display(self) -> SimulatedDisplay:
         """Return the display of a meter without an interface, whose errors are within what the configuration states."""
@@ -144,14 +150,25 @@ class SimulatedBench:
         self._meters.append(display)
         return display
 
-    def _meter(self) -> SimulatedLS:
-        model = self._configuration.meter.model
-        if model not in DRIVERS:
-            raise ConfigurationError(
-                f"meter.model is {model!r}: on a serial port, the simulated bench has an LS-100 or an LS-110"
-            )
-        sheet, errors = DRIVERS[model].data_sheet, self._devices.meter
-        meter = SimulatedLS(lambda: self._source.seen_cd_m2(self.pointed_at), sheet, errors)
+    def _meter(self) -> SimulatedMeter:
+        described, errors = self._configuration.meter, self._devices.meter
+        driver = configured_meter(described, "of no use")
+        spectrum = self._configuration.source.spectrum
+        has_colour = described.model.startswith("CS") and spectrum != THESIS_SPECTRUM
+
+        def luminance() -> float:
+            return self._source.seen_cd_m2(self.pointed_at)
+
+        def colour() -> tuple[float, float]:
+            return chromaticity(spectrum)
+
+        meter: SimulatedMeter
+        if isinstance(driver, MinoltaCS100A):
+            meter = SimulatedCS100A(luminance, driver.data_sheet, errors, colour if has_colour else None)
+        elif isinstance(driver, ProgramMeter):
+            meter = SimulatedProgram(luminance, driver.data_sheet, errors, colour if has_colour else None)
+        else:
+            meter = SimulatedLS(luminance, driver.data_sheet, errors)
         self._meters.append(meter)
         return meter
 

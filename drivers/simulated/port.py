@@ -11,10 +11,10 @@ import numpy as np
 
 from ...core.clock import Clock
 from ...core.errors import InputError
+from ..minolta.line import CRLF
 
-CRLF: Final = b"\r\n"
-
-
+#: Commands that take the response time.
+_MEASUREMENTS: Final = (b"MES", b"MEASURE")
 #: Longest garbage; a reading has 17 bytes.
 _LONGEST_GARBAGE: Final = 24
 
@@ -109,12 +109,12 @@ class FaultyMeter:
         if not answer:
             return None
         fault = self._faults.popleft() if self._faults else Fault()
-        busy_s = fault.delay_s + (self._response_time_s if command.startswith(b"MES") else 0.0)
+        busy_s = fault.delay_s + (self._response_time_s if command.startswith(_MEASUREMENTS) else 0.0)
         return (answer if fault.reply is None else fault.reply)[: fault.n_bytes], busy_s
 
 
 class InProcessPort(FaultyMeter):
-    """A meter for `MinoltaLS` without a serial port; see `labcdp.drivers.minolta_ls.port.Port`.
+    """A meter for `SerialMeter` without a serial port; see `labcdp.drivers.minolta.port.Port`.
 
     Parameters
     ----------

@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Final, Self
 
 from ...core.errors import DeviceError
-from .port import CRLF, FaultyMeter, MeterEngine
+from ..minolta.line import CRLF
+from .port import FaultyMeter, MeterEngine
 
 #: Interval at which an idle port is prepared for the next program.
 _IDLE_S: Final = 0.2

@@ -13,8 +13,8 @@ from ..core.reading import Reading
 from ..core.result import Finding, FindingValue, warning
 from ..drivers.file_meter import FileMeter
 from ..drivers.manual import MeterAccuracy, stated_accuracy
-from ..drivers.minolta_ls.meter import DRIVERS
-from ..drivers.minolta_ls.protocol import LSDataSheet
+from ..drivers.minolta.data_sheet import MeterDataSheet
+from ..drivers.minolta.models import DRIVERS
 from ..session import Session, SessionConfiguration
 from ..session.records import EXPOSURES, FrameRecord
 from .import_check import ImportFile, check_files, read_import_file
@@ -82,7 +82,7 @@ def read_readings(configuration: SessionConfiguration, path: Path) -> ReadingLis
     return ReadingList(tuple(result), has_times, (warning("lines-repeated", **values),) if copied else ())
 
 
-def _with_digits(reading: Reading, sheet: LSDataSheet, finest: float) -> Reading:
+def _with_digits(reading: Reading, sheet: MeterDataSheet, finest: float) -> Reading:
     """Resolution by the data sheet, with the decimals of the finest number of the list.
 
     Spreadsheets drop trailing zeros, and rounding affects all numbers of a list.

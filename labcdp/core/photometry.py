@@ -45,6 +45,7 @@ _THESIS_WAVELENGTH_NM, _THESIS_EFFICACY_LM_W = 500.0, 1000.0
 
 _MONOCHROMATIC = re.compile(r"monochromatic (\d+(?:\.\d+)?) nm")
 _OBSERVER = "CIE 1924 Photopic Standard Observer"
+_COLOUR_OBSERVER = "CIE 1931 2 Degree Standard Observer"
 
 
 def photon_radiance_per_cd_m2(spectrum: str) -> float:
@@ -262,6 +263,31 @@ def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.flo
             f"{THESIS_SPECTRUM!r} or one of {_runs_text(illuminants)}"
         )
     return wavelength_nm, power, np.interp(wavelength_nm, observer.wavelengths, observer.values)
+
+
+@lru_cache(maxsize=1)
+def colour_matching() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Colour-matching functions of the CIE 1931 standard observer.
+
+    Returns
+    -------
+    wavelength_nm : ndarray of float, shape (n,)
+        At 1 nm; shared, not to be changed.
+    functions : ndarray of float, shape (3, n)
+        Of X, Y and Z; likewise.
+
+    Examples
+    --------
+    >>> from labcdp.core.photometry import colour_matching
+    >>> wavelength_nm, (x, y, z) = colour_matching()
+    >>> int(wavelength_nm[y.argmax()])
+    555
+    """
+    _colour_tables()  # imports colour-science without its warnings
+    import colour
+
+    table = colour.MSDS_CMFS[_COLOUR_OBSERVER]
+    return np.asarray(table.wavelengths, dtype=float), np.asarray(table.values, dtype=float).T
 
 
 def _runs_text(names: Iterable[str]) -> str:

@@ -16,9 +16,21 @@ from .result import html_table, number
 CD_M2_PER_FL = 3.4262590996353905
 
 LuminanceUnit = Literal["cd/m2", "fL", "%"]
-#: Models of meters on a serial line; `DRIVERS` of `labcdp.drivers.minolta_ls.meter` has a class for each.
-SerialMeterModel = Literal["LS-110", "LS-100"]
+#: Models of meters on a port; `DRIVERS` of `labcdp.drivers.minolta.models` has a class for each.
+SerialMeterModel = Literal["LS-110", "LS-100", "CS-100A", "LS-150", "LS-160", "CS-150", "CS-160"]
 SERIAL_MODELS: tuple[str, ...] = get_args(SerialMeterModel)
+
+
+def is_chromaticity(x: float, y: float) -> bool:
+    """Whether x and y can be chromaticity coordinates of CIE 1931: X, Y and Z are positive.
+
+    Examples
+    --------
+    >>> from labcdp.core.reading import is_chromaticity
+    >>> is_chromaticity(0.3127, 0.3290), is_chromaticity(0.9, 0.3), is_chromaticity(0.0, 0.0)
+    (True, False, False)
+    """
+    return 0 < x < 1 and 0 < y < 1 and x + y <= 1
 
 
 @dataclass(frozen=True)
@@ -82,6 +94,8 @@ class Reading:
         Host time, with time zone.
     raw : str
         The reply as received, the text as typed or the row as read, for the record.
+    chromaticity : (float, float) or None
+        Coordinates x and y of CIE 1931 as a chroma meter gave them; None for a luminance meter.
 
     Examples
     --------
@@ -104,8 +118,11 @@ class Reading:
     meter: MeterIdentity
     timestamp: datetime
     raw: str
+    chromaticity: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
+        if self.chromaticity is not None and not is_chromaticity(*self.chromaticity):
+            raise InputError(f"chromaticity is {self.chromaticity}: give x and y above 0 with a sum up to 1")
         if not isfinite(self.value) or self.value < 0:
             raise InputError(f"a reading is a finite number of at least 0, got {self.value}")
         if self.unit not in ("cd/m2", "fL", "%"):
@@ -150,8 +167,11 @@ class Reading:
         return self.cd_m2_per_unit * hypot(self.digits_half_width / sqrt(3), self.repeatability_rel * self.value)
 
     def to_dict(self) -> dict[str, Any]:
-        """All fields as values JSON can hold; the inverse is `from_dict`."""
-        return asdict(self) | {"timestamp": self.timestamp.isoformat()}
+        """All fields as values JSON can hold; the inverse is `from_dict`. A luminance meter has no chromaticity."""
+        values = asdict(self) | {"timestamp": self.timestamp.isoformat()}
+        if self.chromaticity is None:
+            del values["chromaticity"]
+        return values
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Reading:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .disk import quoted, shortened
 from .errors import InputError, naming
-from .photometry import THESIS_SPECTRUM, WAVELENGTH_RANGE_NM, spectral_weights
+from .photometry import THESIS_SPECTRUM, WAVELENGTH_RANGE_NM, colour_matching, spectral_weights
 from .result import Finding, FindingValue, info, warning
 
 if TYPE_CHECKING:
@@ -225,6 +225,32 @@ def mismatch_factor(sensitivity: SpectralTable, test: Source, calibration: Sourc
         If a source is not known, or the sensitivity sees none of its light.
     """
     return response_per_luminance(sensitivity, calibration) / response_per_luminance(sensitivity, test)
+
+
+def chromaticity(source: Source) -> tuple[float, float]:
+    """Chromaticity coordinates x and y of a light, for the CIE 1931 standard observer (CIE 15:2018, 7.1).
+
+    Parameters
+    ----------
+    source : str or SpectralTable
+        The light.
+
+    Raises
+    ------
+    InputError
+        If a source is not known, or nothing of it is seen.
+
+    Examples
+    --------
+    >>> from labcdp.core.spectra import chromaticity
+    >>> [round(coordinate, 3) for coordinate in chromaticity("D65")]
+    [0.313, 0.329]
+    """
+    nm, power, _ = _nodes(source)
+    known_nm, functions = colour_matching()
+    x, y, z = (float(power @ np.interp(nm, known_nm, function, left=0, right=0)) for function in functions)
+    total = _seen(x + y + z, _name(source))
+    return x / total, y / total
 
 
 def response_per_luminance(sensitivity: SpectralTable, source: Source) -> float:

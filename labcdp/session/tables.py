@@ -437,8 +437,8 @@ class MeterCertificate(ConfigurationTable):
 class MeterConfiguration(ConfigurationTable):
     """Which luminance meter; it cannot report its serial number and calibration date.
 
-    Readings come over a serial line, are typed by the user, or are in a file, CSV or .xlsx. For the last two the
-    accuracy of the instrument is given here, since no driver knows it.
+    Readings come from a meter on a port, from a program on a port, are typed by the user, or are in a file, CSV or
+    .xlsx. For the last three the accuracy of the instrument is given here, since no driver knows it.
 
     Examples
     --------
@@ -448,8 +448,10 @@ class MeterConfiguration(ConfigurationTable):
     """
 
     model: Text = Field(description="the model's name as text")
-    entry: Literal["serial", "by hand", "csv"] = Field("serial", description='"serial", "by hand" or "csv"')
-    port: Text | None = Field(None, description="the serial port as text")
+    entry: Literal["serial", "program", "by hand", "csv"] = Field(
+        "serial", description='"serial", "program", "by hand" or "csv"'
+    )
+    port: Text | None = Field(None, description='the serial port as text, or "socket://HOST:PORT"')
     rtscts: bool = Field(False, strict=True, description="true for a cable that carries RTS and CTS, or false")
     response: Literal["fast", "slow"] = Field("fast", description='"fast", or "slow" for light that flickers')
     correction: Literal["preset", "colour", "luminance", "both"] = Field(
@@ -463,6 +465,11 @@ class MeterConfiguration(ConfigurationTable):
     digits: Count | None = Field(None, description="a whole number of at least 1, 1 for ±1 digit")
     f1_prime: Fraction | None = Field(None, description="the meter's f1' as a fraction above 0, 0.08 for 8 %")
     certificate: MeterCertificate | None = Field(None, description="a [meter.certificate] table")
+
+    @property
+    def is_connected(self) -> bool:
+        """Whether readings come from a port."""
+        return self.entry in ("serial", "program")
 
     @property
     def identity(self) -> MeterIdentity:
@@ -492,15 +499,17 @@ class MeterConfiguration(ConfigurationTable):
         if self.entry == "serial":
             if self.model not in SERIAL_MODELS:
                 raise ValueError(
-                    f'has model {self.model!r}: give "LS-110" or "LS-100", or entry = "by hand" or "csv" for '
-                    "another instrument"
+                    f'has model {self.model!r}: give one of {", ".join(SERIAL_MODELS)}, or entry = "by hand" or "csv" '
+                    "for another instrument"
                 )
             given = [name for name in ("file", *accuracy) if getattr(self, name) is not None]
             if given:
-                raise ValueError(f'has {given[0]}, which belongs to entry = "by hand" or "csv": leave it out')
+                raise ValueError(
+                    f'has {given[0]}, which belongs to entry = "program", "by hand" or "csv": leave it out'
+                )
             return self
         fields = type(self).model_fields
-        line_fields = ("port", "rtscts", "response", "correction")
+        line_fields = ("correction",) if self.is_connected else ("port", "rtscts", "response", "correction")
         given = [name for name in line_fields if getattr(self, name) != fields[name].default]
         if given:
             raise ValueError(f'has {given[0]}, which belongs to entry = "serial": leave it out')

@@ -11,7 +11,7 @@ from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera import CameraSettingError
 from labcdp.drivers.camera_settings import Trigger
 from labcdp.drivers.meter import MeterReportedError
-from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+from labcdp.drivers.minolta.ls import MinoltaLS110
 from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.drivers.simulated.port import Fault
 from labcdp.session import Session

@@ -15,7 +15,7 @@ from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.luminance import Invalid, LuminanceMap
 from labcdp.core.vignetting import Lens
 from labcdp.drivers.camera_settings import FeatureDescription
-from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+from labcdp.drivers.minolta.ls import MinoltaLS110
 from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.evaluate.picture.converter import make_converter
 from labcdp.regions import RectangleShape

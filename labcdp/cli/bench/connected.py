@@ -17,9 +17,8 @@ from ...drivers.camera import Camera, CameraError, take_again
 from ...drivers.file_meter import FileMeter
 from ...drivers.manual import ManualMeter, stated_accuracy
 from ...drivers.meter import Meter
-from ...drivers.minolta_ls.meter import DRIVERS
-from ...drivers.minolta_ls.port import NamedPort, Port
-from ...drivers.minolta_ls.protocol import MeterMode
+from ...drivers.minolta.models import configured_meter
+from ...drivers.minolta.port import Port
 from ...drivers.replay import ReplayCamera, ReplayMeter
 from ...drivers.simulated.bench import SimulatedBench
 from ...drivers.simulated.commands import parse_schedule
@@ -233,7 +232,7 @@ def simulated_devices(
     virtual, camera, transport = options.virtual_clock, None, "in this process"
     with ExitStack() as stack:
         meter: Meter
-        if configuration.meter.entry == "serial":
+        if configuration.meter.is_connected:
             pty = None if virtual else stack.enter_context(bench.pty_meter(SIMULATED_RESPONSE_S))
             port = bench.in_process_port() if pty is None else pty.port
             meter = serial_meter(stack, configuration.meter, port, options)
@@ -274,15 +273,8 @@ def _gige_camera(bench: SimulatedBench, stack: ExitStack, patience_s: float) -> 
 
 def serial_meter(stack: ExitStack, described: MeterConfiguration, port: str | Port, options: DeviceOptions) -> Meter:
     """Open the meter on a port in the modes of the configuration; `stack` closes it."""
-    corrections = {"colour": MeterMode.VARI_CCF, "luminance": MeterMode.VARI_LUMI, "both": MeterMode.VARI_CCF_LUMI}
-    modes = [corrections.get(described.correction, MeterMode.PRESET), MeterMode[described.response.upper()]]
-    meter = DRIVERS[described.model](
-        NamedPort(port, described.rtscts) if isinstance(port, str) else port,
-        described.identity,
-        modes=modes,
-        attempts=_METER_ATTEMPTS,
-        patience_s=options.patience,
-        transcript=options.transcript,
+    meter = configured_meter(
+        described, port, attempts=_METER_ATTEMPTS, patience_s=options.patience, transcript=options.transcript
     )
     stack.enter_context(meter).ask_if_simulated()
     return meter

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
 
 from ...core.errors import InputError
 from ...core.frame import Frame
-from ...core.reading import ReadingSeries
+from ...core.reading import Reading, ReadingSeries
 from ...core.result import Finding, NamedValue, Result, info, quantity_table, warning
 from ...core.table import Column, Table, uncertain
 from ...drivers.aravis.camera import AravisCamera
@@ -18,8 +19,10 @@ from ...drivers.aravis.gvcp import set_address as change_address
 from ...drivers.aravis.library import discover
 from ...drivers.camera import CameraError, take_again
 from ...drivers.meter import measure_series
-from ...drivers.minolta_ls.meter import DRIVERS, find_meter_ports
-from ...drivers.minolta_ls.protocol import MeterMode
+from ...drivers.minolta.ls import MinoltaLS
+from ...drivers.minolta.meter import find_meter_ports
+from ...drivers.minolta.models import DRIVERS
+from ...drivers.minolta.protocol import MeterMode
 from ...output import write_file
 from ...session.frames import frame_to_tiff
 from ..commands import As
@@ -146,8 +149,12 @@ def meter(
     transcript
         New file for the bytes exchanged with the meter.
     """
-    modes = [mode for mode, wanted in ((MeterMode.SLOW, slow), (MeterMode.PEAK, peak)) if wanted]
-    with DRIVERS[model](port or _only_port(), modes=modes, transcript=transcript) as opened:
+    driver = DRIVERS[model]
+    if peak and not issubclass(driver, MinoltaLS):
+        raise InputError(f"--peak is a mode of the LS-100 and LS-110: leave it out for the {model}")
+    options: dict[str, Any] = {"modes": [MeterMode.PEAK]} if peak else {}
+    options |= {"response": "slow" if slow else "fast", "transcript": transcript}
+    with driver.configured(port or _only_port(), **options) as opened:
         opened.ask_if_simulated()
         series = measure_series(opened, n)
     print_result(_result(series))
@@ -162,6 +169,20 @@ def _only_port() -> str:
     return str(ports[0].device)
 
 
+def _chromaticity_columns(series: ReadingSeries) -> list[Column]:
+    """Return columns of x and y if the meter measures them."""
+    if all(reading.chromaticity is None for reading in series.readings):
+        return []
+
+    def coordinate(index: int) -> Callable[[Reading], float | None]:
+        return lambda reading: None if reading.chromaticity is None else reading.chromaticity[index]
+
+    return [
+        Column(name, name, "", f"Chromaticity coordinate {name} of CIE 1931.", value=coordinate(index))
+        for index, name in enumerate(("x", "y"))
+    ]
+
+
 def _result(series: ReadingSeries) -> Result:
     columns = (
         Column("number", "number", value=lambda reading: 1 + series.readings.index(reading)),
@@ -169,6 +190,7 @@ def _result(series: ReadingSeries) -> Result:
                value=lambda reading: f"{reading.value:g} {reading.unit}"),
         *uncertain(Column("luminance_cd_m2", "luminance", "cd/m²", "U and u without the meter's scale error."),
                    "standard_uncertainty_random_cd_m2"),
+        *_chromaticity_columns(series),
         Column("time", "time", "", "Time of the reading.", value=lambda reading: reading.timestamp.isoformat()),
         Column("value", "value", "", "Value on the display.", shown=False),
         Column("unit", "unit", "", "Unit on the display.", shown=False),

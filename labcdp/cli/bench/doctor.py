@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import asdict
 from io import BytesIO
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import typer
@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.text import Text
 
 from ...core.errors import DeviceError, LabcdpError
+from ...core.reading import SerialMeterModel
 from ...core.result import Result
 from ...core.table import Column, Table
 from ...drivers.aravis.library import CameraInfo, choose, discover
@@ -102,7 +103,7 @@ def _result(groups: list[tuple[str, list[Check]]], counts: Counter[str]) -> Resu
     return Result("doctor", "Bench", (Table.of_items("checks", "Checks", columns, rows), count))
 
 
-def _report(result: Result, selector: str | None, meter: str | None, model: Literal["LS-110", "LS-100"]) -> bytes:
+def _report(result: Result, selector: str | None, meter: str | None, model: SerialMeterModel) -> bytes:
     """Make the archive of a problem report; what cannot be read is left out, as the findings say why."""
     files = {"doctor.json": envelope_json(result).encode()}
     with suppress(CameraError):

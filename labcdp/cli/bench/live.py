@@ -51,7 +51,7 @@ class LiveDevices(BenchDevices):
             described = with_own_camera(simulated_bench_file(self.simulated_bench), self.simulated_bench)
             devices = described.devices(self.simulated_bench)
             with SimulatedBench(plan, devices) as bench, simulated_devices(plan, bench) as opened:
-                meter = opened.meter if plan.meter.entry == "serial" else None
+                meter = opened.meter if plan.meter.is_connected else None
                 yield opened.camera, BenchOfPage(meter, plan, bench, lambda session: note_bench(session, described))
             return
         wanted = None if plan is None else plan.camera
@@ -62,7 +62,7 @@ class LiveDevices(BenchDevices):
         with ExitStack() as stack:
             camera = stack.enter_context(AravisCamera(selector))
             meter = None
-            if port is not None and entry.entry == "serial":
+            if port is not None and entry.is_connected:
                 meter = serial_meter(stack, entry, port, DeviceOptions(patience=0.0))
             yield camera, BenchOfPage(meter, plan)
 

@@ -82,10 +82,10 @@ class DeviceOptions(BenchDevices):
         """Check the options against the configured meter, if they are for real devices; raises InputError."""
         if self.simulating:
             return
-        if meter.entry != "serial":
+        if not meter.is_connected:
             for option, given in (("--meter", self.meter), ("--transcript", self.transcript)):
                 if given is not None:
-                    raise InputError(f'{option} requires a meter on a serial port, but meter.entry is "{meter.entry}"')
+                    raise InputError(f'{option} requires a meter on a port, but meter.entry is "{meter.entry}"')
         elif self.meter is None and meter.port is None:
             raise InputError("no serial port for the meter: give --meter, or meter.port in the configuration")
 

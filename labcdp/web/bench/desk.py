@@ -16,7 +16,7 @@ from ...core.reading import MeterIdentity, Reading, ReadingSeries
 from ...core.roi import Roi
 from ...drivers.manual import MeterAccuracy, parse_written, reading_of, stated_accuracy
 from ...drivers.meter import Meter, MeterError, MeterLostError
-from ...drivers.minolta_ls.meter import DRIVERS
+from ...drivers.minolta.models import DRIVERS
 from ...metrics.region import measure_region
 from ...session import MeterConfiguration, Session, SessionConfiguration
 from ..regions.measurements import is_saturated
@@ -144,7 +144,7 @@ class MeterDesk:
         InputError
             If it is no luminance, or none that the meter can show.
         """
-        by_hand = described is not None and described.entry != "serial"
+        by_hand = described is not None and not described.is_connected
         known = described if by_hand and described is not None else None
         identity = MeterIdentity("unknown", "unknown") if known is None else known.identity
         accuracy = MeterAccuracy(0.0, 0.0, 0) if known is None else stated_accuracy(known)

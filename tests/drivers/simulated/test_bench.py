@@ -13,7 +13,7 @@ from labcdp.core.vignetting import Cos4Vignetting
 from labcdp.drivers.aravis import gvcp
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.camera_settings import FREE_RUN, SOFTWARE_TRIGGER
-from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+from labcdp.drivers.minolta.ls import MinoltaLS110
 from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.drivers.simulated.devices import SimulatedBenchFile
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera

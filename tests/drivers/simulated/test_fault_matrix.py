@@ -14,7 +14,7 @@ import pytest
 
 from labcdp.core.errors import LabcdpError
 from labcdp.drivers.aravis.camera import AravisCamera
-from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+from labcdp.drivers.minolta.ls import MinoltaLS110
 from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 from labcdp.session import Session
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labcdp.drivers.minolta_ls.meter import MinoltaLS110
+from labcdp.drivers.minolta.ls import MinoltaLS110
 from labcdp.drivers.simulated.meter import MeterErrorModel, SimulatedLS
 from labcdp.drivers.simulated.pty import PtyMeter
 

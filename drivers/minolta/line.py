@@ -1,15 +1,13 @@
-"""Serial line of a Konica Minolta LS-100 or LS-110: commands and replies, repeated requests, and a lost meter.
-
-Protocol: Minolta, *LS-100/LS-110 Communication Manual*, 9222-1842-12 (2000).
-"""
+"""Line to a meter on a port: commands and replies, repeated requests, and a lost meter."""
 
 from __future__ import annotations
 
 import logging
 import termios
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, Final, TypeVar
 
 import serial
@@ -26,18 +24,48 @@ from ..meter import (
     MeterTimeoutError,
 )
 from .port import Port, TranscriptWriter, connect
-from .protocol import LONGEST_REPLY, SIMULATED_COMMAND, SIMULATED_REPLY, parse_acknowledgement, require_whole
 
 _log = logging.getLogger(__name__)
 
-_CRLF: Final = b"\r\n"
-_ACKNOWLEDGED: Final = b"OK00\r\n"
+#: Ends each command; those of the LS-100 and CS-100A also end their replies with it.
+CRLF: Final = b"\r\n"
+#: In bytes: a port that sends without end is not read for ever.
+_MOST_DRAINED: Final = 65536
+#: Of no manual: asks the simulated meter what it is. A real one does not know the command.
+SIMULATED_COMMAND: Final = "SIM"
+#: What the answer of the simulated meter holds.
+SIMULATED_NAME: Final = b"labcdp"
 #: Polling interval for a lost port, in seconds.
 _LOOK_EVERY_S: Final = 0.2
 #: Command not understood: the only error code worth a retry.
 _NOT_UNDERSTOOD: Final = "ER00"
 
 T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class LineProtocol:
+    """How a meter is set up, and what its replies look like.
+
+    Parameters
+    ----------
+    set_up : tuple of str
+        Commands on opening and after a loss, at least one, each acknowledged.
+    parse_acknowledgement : callable
+        Accepts the reply to one of them; raises MeterReportedError or MeterProtocolError.
+    silence_remedy : str
+        Remedy for a meter that does not answer.
+    reply_end : bytes
+        Ends a reply.
+    longest_reply : int
+        In bytes; the longest reply of a manual has 28.
+    """
+
+    set_up: tuple[str, ...]
+    parse_acknowledgement: Callable[[bytes], None]
+    silence_remedy: str
+    reply_end: bytes = CRLF
+    longest_reply: int = 64
 
 
 class MeterLine:
@@ -57,8 +85,8 @@ class MeterLine:
         Largest number of attempts for a command.
     patience_s : float
         How long to wait for a lost meter, in seconds.
-    modes : sequence of str
-        Commands that set the modes of the meter, without CR LF, each answered with ``OK00``.
+    protocol : LineProtocol
+        Commands of the meter.
     transcript : TranscriptWriter or None
         Receives every byte.
     """
@@ -69,7 +97,7 @@ class MeterLine:
         timeout_s: float,
         attempts: int,
         patience_s: float,
-        modes: Sequence[str],
+        protocol: LineProtocol,
         transcript: TranscriptWriter | None,
     ) -> None:
         self._serial_port, self._port, self._clock = port, port.name, port.clock
@@ -78,7 +106,7 @@ class MeterLine:
         self._longest_s = timeout_s * (attempts + 1)
         self._attempts = attempts
         self.patience_s = patience_s
-        self._modes = modes
+        self._protocol = protocol
         self._transcript = transcript
         self._serial: Any = None
         self._one_at_a_time = threading.Lock()
@@ -108,8 +136,8 @@ class MeterLine:
             if self._transcript is not None:
                 self._transcript.open()
             give_up_s = self._clock.monotonic_s() + self._longest_s
-            for command in self._modes:
-                self._ask_often(command, parse_acknowledgement, give_up_s)
+            for command in self._protocol.set_up:
+                self._ask_often(command, self._protocol.parse_acknowledgement, give_up_s)
 
     def close(self) -> None:
         """Close the port; may be called twice."""
@@ -121,7 +149,7 @@ class MeterLine:
         """Whether the meter says that it is labcdp's simulated one; a real one does not understand the question."""
         give_up_s = self._clock.monotonic_s() + self._timeout_s
         try:
-            return self._exchange(SIMULATED_COMMAND, lambda reply: reply == SIMULATED_REPLY, give_up_s)
+            return self._exchange(SIMULATED_COMMAND, lambda reply: SIMULATED_NAME in reply, give_up_s)
         except (MeterReportedError, MeterTimeoutError):
             return False
 
@@ -180,8 +208,8 @@ class MeterLine:
             try:
                 with on_error(self._disconnect):
                     self._serial = connect(self._serial_port, self._timeout_s)
-                    for command in self._modes:
-                        self._exchange(command, parse_acknowledgement, until_s)
+                    for command in self._protocol.set_up:
+                        self._exchange(command, self._protocol.parse_acknowledgement, until_s)
             except (MeterNotFoundError, MeterLostError, MeterTimeoutError, MeterProtocolError) as still:
                 if self.patience_s == 0 or self._clock.monotonic_s() + _LOOK_EVERY_S >= until_s:
                     raise MeterLostError(
@@ -200,7 +228,7 @@ class MeterLine:
             reply = self._reply(command, until_s)
             try:
                 result = parse(reply)
-            except MeterReportedError:
+            except (MeterReportedError, MeterLostError):
                 self._n_due -= 1
                 raise
             self._n_due -= 1
@@ -236,32 +264,63 @@ class MeterLine:
             if self._serial is not None:
                 raise
             raise MeterError(f"{self._port}: the meter was closed while it was asked", "open it again") from error
-        require_whole(self._port, reply, command, allowed_s)
+        self._require_whole(reply, command, allowed_s)
         return reply
 
     def _settle(self, until_s: float) -> None:
         """Drop the replies of earlier commands: those within a time-out, and all before that to setting a mode."""
         wait_s = min(until_s, self._due_until_s, self._clock.monotonic_s() + self._timeout_s)
         while self._n_due > 0 and self._clock.monotonic_s() < wait_s:
-            self._n_due -= self._read_line(wait_s).endswith(_CRLF)
+            self._n_due -= self._read_line(wait_s).endswith(self._protocol.reply_end)
         self._drain()
         if self._n_due > 0:
             give_up_s = min(until_s, self._clock.monotonic_s() + self._timeout_s)
-            self._send(self._modes[0])
-            while (reply := self._read_line(give_up_s)) != _ACKNOWLEDGED:
-                require_whole(self._port, reply, self._modes[0], self._timeout_s)
+            command = self._protocol.set_up[0]
+            self._send(command)
+            while not self._is_acknowledgement(reply := self._read_line(give_up_s)):
+                self._require_whole(reply, command, self._timeout_s)
         self._n_due, self._other_due = 0, False
+
+    def _is_acknowledgement(self, reply: bytes) -> bool:
+        """Whether a whole reply is one to a command of the set-up."""
+        try:
+            self._protocol.parse_acknowledgement(reply)
+        except (MeterReportedError, MeterProtocolError):
+            return False
+        return reply.endswith(self._protocol.reply_end)
+
+    def _require_whole(self, reply: bytes, command: str, allowed_s: float) -> None:
+        """Raise a specific error if the reply to a command does not end within the time allowed."""
+        if reply.endswith(self._protocol.reply_end):
+            return
+        if len(reply) >= self._protocol.longest_reply:
+            raise MeterProtocolError(
+                f"{self._port}: {command} was answered with {reply!r} and no CR LF",
+                "check that the meter is on this port",
+            )
+        if reply:
+            raise MeterTimeoutError(
+                f"{self._port}: the answer to {command} stopped after {len(reply)} bytes ({reply!r}) and did not "
+                f"continue within {allowed_s:.3g} s",
+                "check the cable, then repeat",
+            )
+        raise MeterTimeoutError(
+            f"{self._port}: no answer to {command} within {allowed_s:.3g} s", self._protocol.silence_remedy
+        )
 
     def _drain(self) -> None:
         """Clear both buffers."""
-        waiting = self._serial.in_waiting
-        if waiting:
-            self._record("received", data := self._serial.read(waiting), self._clock.monotonic_s())
-            self._n_due = max(0, self._n_due - data.count(_CRLF))
+        data, came_s = b"", self._clock.monotonic_s()
+        # A port of the network tells of one byte at a time.
+        while len(data) < _MOST_DRAINED and (waiting := self._serial.in_waiting):
+            data += self._serial.read(waiting)
+        if data:
+            self._record("received", data, came_s)
+            self._n_due = max(0, self._n_due - data.count(self._protocol.reply_end))
         self._serial.reset_output_buffer()
 
     def _send(self, command: str) -> None:
-        data = command.encode("ascii") + _CRLF
+        data = command.encode("ascii") + CRLF
         sent_s = self._clock.monotonic_s()
         # Whatever ends the exchange early, its reply stays pending.
         self._n_due += 1
@@ -279,7 +338,11 @@ class MeterLine:
                 if byte and not line:
                     first_s = self._clock.monotonic_s()
                 line += byte
-                if line.endswith(_CRLF) or len(line) >= LONGEST_REPLY or self._clock.monotonic_s() >= until_s:
+                if (
+                    line.endswith(self._protocol.reply_end)
+                    or len(line) >= self._protocol.longest_reply
+                    or self._clock.monotonic_s() >= until_s
+                ):
                     return bytes(line)
         finally:
             if line:

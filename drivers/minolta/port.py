@@ -22,8 +22,8 @@ from ..meter import MeterNotFoundError
 
 _log = logging.getLogger(__name__)
 
-#: The manual's settings: 4800 baud, 7 data bits, even parity, 2 stop bits.
-SETTINGS: Final = {
+#: Settings of the manuals of LS-100, LS-110 and CS-100A: 4800 baud, 7 data bits, even parity, 2 stop bits.
+SETTINGS: Final[Mapping[str, Any]] = {
     "baudrate": 4800,
     "bytesize": serial.SEVENBITS,
     "parity": serial.PARITY_EVEN,
@@ -67,35 +67,54 @@ class Port(Protocol):
 
 
 class NamedPort:
-    """A serial port of this computer.
+    """A serial port of this computer, or a port of the network.
 
     Parameters
     ----------
     name : str
-        For example ``/dev/ttyUSB0``.
+        For example ``/dev/ttyUSB0``; ``socket://192.168.0.7:7000`` for a program that listens in the network.
     rtscts : bool
         Whether to use the lines RTS and CTS of the cable.
+    settings : mapping
+        Baud rate, data bits, parity and stop bits, as `serial.Serial` takes them; of no effect in the network.
     """
 
-    def __init__(self, name: str, rtscts: bool = False) -> None:
+    def __init__(self, name: str, rtscts: bool = False, settings: Mapping[str, Any] = SETTINGS) -> None:
         self.name = name
         self.rtscts = rtscts
+        self.settings = settings
         self.clock = SystemClock()
 
     @property
     def may_be_simulated(self) -> bool:
         """Whether it is a pseudo-terminal."""
-        return realpath(self.name).startswith(_PSEUDO_TERMINALS)
+        return not self._is_in_network and realpath(self.name).startswith(_PSEUDO_TERMINALS)
+
+    @property
+    def _is_in_network(self) -> bool:
+        return "://" in self.name
 
     def connect(self, slice_s: float, write_timeout_s: float) -> serial.Serial:
         """Open it, exclusively among pyserial programs; a `read` takes at most `slice_s`."""
-        settings: dict[str, Any] = SETTINGS
+        if self._is_in_network:
+            return _connect_network(self.name, slice_s, write_timeout_s)
+        settings = self.settings
         if self.may_be_simulated:
             # A pseudo-terminal has no parity, and as that of socat refuses it from the second program on.
-            settings = {"baudrate": SETTINGS["baudrate"]}
+            settings = {"baudrate": self.settings["baudrate"]}
         return serial.Serial(
             self.name, **settings, rtscts=self.rtscts, timeout=slice_s, write_timeout=write_timeout_s, exclusive=True
         )
+
+
+def _connect_network(name: str, slice_s: float, write_timeout_s: float) -> Any:
+    """Open a port of the network; raises OSError."""
+    if not name.startswith("socket://"):
+        raise OSError(f"{name.partition('://')[0]}:// is not known, give socket://HOST:PORT")
+    try:
+        return serial.serial_for_url(name, timeout=slice_s, write_timeout=write_timeout_s)
+    except ValueError as error:
+        raise OSError(f"{error}; give socket://HOST:PORT") from error
 
 
 def connect(port: Port, timeout_s: float) -> Any:
@@ -113,6 +132,10 @@ def connect(port: Port, timeout_s: float) -> Any:
                 )
             case errno.EBUSY | errno.EAGAIN:
                 problem = "another program uses it: end that program"
+            case _ if "://" in port.name:
+                problem = (
+                    f"nothing can be reached there ({error}): start the program of the meter, and check the address"
+                )
             case _:
                 problem = f"it cannot be used as a serial port ({error}): choose another port"
         raise MeterNotFoundError(f"{port.name}", f"{problem}") from error

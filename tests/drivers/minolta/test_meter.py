@@ -14,9 +14,10 @@ from labcdp.core.clock import SimulatedClock
 from labcdp.core.errors import InputError
 from labcdp.core.reading import SERIAL_MODELS, MeterIdentity
 from labcdp.drivers.meter import MeterLostError, MeterProtocolError, MeterReportedError, MeterTimeoutError
-from labcdp.drivers.minolta_ls.meter import DRIVERS, MinoltaLS110
-from labcdp.drivers.minolta_ls.port import NamedPort
-from labcdp.drivers.minolta_ls.protocol import ERROR_CODES, MeterMode
+from labcdp.drivers.minolta.ls import MinoltaLS110
+from labcdp.drivers.minolta.models import DRIVERS
+from labcdp.drivers.minolta.port import NamedPort
+from labcdp.drivers.minolta.protocol import ERROR_CODES, MeterMode
 from labcdp.drivers.simulated.meter import SimulatedLS
 from labcdp.drivers.simulated.port import Fault, InProcessPort
 from labcdp.drivers.simulated.pty import PtyMeter

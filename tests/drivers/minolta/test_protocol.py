@@ -11,14 +11,8 @@ from hypothesis import strategies as st
 
 from labcdp.core.reading import MeterIdentity
 from labcdp.drivers.meter import MeterError, MeterReportedError
-from labcdp.drivers.minolta_ls.protocol import (
-    ERROR_CODES,
-    LS100,
-    LS110,
-    four_digits,
-    parse_acknowledgement,
-    parse_reading,
-)
+from labcdp.drivers.minolta.data_sheet import LS100, LS110
+from labcdp.drivers.minolta.protocol import ERROR_CODES, parse_acknowledgement, parse_reading
 
 METER = MeterIdentity("LS-110", "73323007", "2018-03-01")
 NOON = datetime(2018, 6, 1, 12, tzinfo=UTC)
@@ -100,7 +94,7 @@ def test_what_is_taken_for_a_reading_is_one_by_the_manual(reply):
 def test_numbers_survive_the_format_of_the_meter(data_sheet, data):
     low, high = data_sheet.fast_range_cd_m2
     value = data.draw(st.floats(low, high))
-    number = four_digits(value, data_sheet.decimals)
+    number = data_sheet.display(value)
     assert len(number.as_tuple().digits) <= 4
     reading = parse(f"OK00,CcPH{number:>6f}".encode(), data_sheet)
     assert abs(reading.value - value) <= reading.resolution / 2 * (1 + 1e-9)

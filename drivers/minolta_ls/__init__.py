@@ -1,1 +1,0 @@
-"""Konica Minolta LS-100 and LS-110 luminance meters."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
+from itertools import product
 from typing import Any, Self
 
+import numpy as np
 from xarray import Dataset
 
 from ..chain import Chain as _Chain
@@ -83,6 +85,74 @@ class Chain(_Chain):
         target = as_contrasts(contrast, epsilon).targets
         wanted = Sweep(self, over, exact, stage, target, as_number(epsilon, "epsilon"), seed)
         return run_sweep(wanted, None if folder is None else as_path(folder, "folder"), progress)
+
+    def colour_separation(self, *, stage: str | None = None, epsilon: float | str = 0.5, **axes: Any) -> Dataset:
+        """Predict how well the colours of the first pair of regions can be told apart behind a colour filter.
+
+        Parameters
+        ----------
+        stage : str or None
+            Stage that is evaluated, for example ``sensor``; None for the last.
+        epsilon : float or str
+            Relative tolerance of the difference of chromaticity, or a percentage.
+        **axes
+            Parameters and their values, named as for `sweep`.
+
+        Returns
+        -------
+        xarray.Dataset
+            With a dimension for each parameter: ``colour_distance``, ``csp``, ``csp_own`` and ``colours_detected``, as
+            of `labcdp.colour_separation`, of cells of 2 x 2 pixels.
+
+        Raises
+        ------
+        InputError
+            If the sensor has no colour filter, a parameter is unknown, or a value out of range.
+        PredictionError
+            If the chain cannot be predicted.
+
+        Examples
+        --------
+        >>> import labcdp
+        >>> efficiencies = {"R": [[570, 0.0], [600, 0.5]], "G": [[480, 0.0], [530, 0.5], [590, 0.0]], "B": [[450, 0.4], [510, 0.0]]}
+        >>> chain = labcdp.Chain.load("manta-g505").with_(
+        ...     sensor__colour_filter="RGGB",
+        ...     sensor__planes=[{"name": name, "quantum_efficiency": curve} for name, curve in efficiencies.items()],
+        ...     scene__spectra=[{"region": "bright", "reflectance": [[580, 0.1], [610, 1.0]]}],
+        ... )
+        >>> separation = chain.colour_separation(scene__luminance_cd_m2=[0.01, 10.0])
+        >>> separation["csp"].values.round(2).tolist()
+        [0.5, 1.0]
+        """
+        from ..chain.predict.colour import predict_colours
+
+        over = [Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items()]
+        tolerance = as_number(epsilon, "epsilon")
+        names = {
+            "colour_distance": ("distance", "Mahalanobis distance of the colours"),
+            "csp": ("csp", "colour separation probability"),
+            "csp_own": ("csp_own", "share of cells nearer to their own region, covariances of their own"),
+            "colours_detected": ("detected", "share of the pairs of cells that keep the difference of chromaticity"),
+        }
+        shape = tuple(len(axis.values) for axis in over)
+        predicted = [
+            predict_colours(
+                self.with_(**{axis.parameter: value for axis, value in zip(over, values, strict=True)}),
+                stage=stage,
+                epsilon=tolerance,
+            )
+            for values in product(*(axis.values for axis in over))
+        ]
+        dims = tuple(axis.parameter for axis in over)
+        data = {
+            name: (
+                dims,
+                np.reshape([getattr(cell, field)[0] for cell in predicted], shape),
+                {"long_name": meaning, "units": "1"},
+            )
+            for name, (field, meaning) in names.items()
+        }
+        return Dataset(data, {axis.parameter: list(axis.values) for axis in over}, {"epsilon": tolerance})
 
     def with_emva1288(self, path: PathArgument) -> Self:
         """Return the chain with the sensor of EMVA 1288 results; its own gives what they do not state.

@@ -259,7 +259,7 @@ def _inverse(covariance: _Array) -> _Array:
             "the values of the planes have no noise of their own: pixels of a sensor scatter in each plane; use a "
             "picture that was not smoothed, or made grey"
         )
-    return np.linalg.inv(covariance)
+    return np.asarray(np.linalg.inv(covariance), dtype=np.float64)
 
 
 def _pooled(first: ColourRegion, second: ColourRegion) -> _Array:

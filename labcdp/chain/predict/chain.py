@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...core.errors import InputError, PredictionError
 from ..chain import Chain
-from ..colour import seen_planes, seen_sensor
+from ..colour import SeenPlane, seen_planes, seen_sensor
 from ..isp import CodeCurve
 from ..scene.scene import Scene
 from ..scene.spectra import spectra_of
@@ -61,14 +61,14 @@ def predict_chain(
     InputError
         If the chain cannot be predicted so, or a value is out of its range.
     """
-    sensor, name = _sensor(chain, stage or chain.stage_names[-1])
-    camera = _camera(chain, seen_sensor(sensor, chain.spectrum), name)
-    cells = _scenes(chain.scene, scenes or {})
-    levels, shares, pair = _levels(cells)
+    sensor, name = sensor_of_stage(chain, stage or chain.stage_names[-1])
+    camera = camera_of_stage(chain, seen_sensor(sensor, chain.spectrum), name)
+    cells = scenes_of_cells(chain.scene, scenes or {})
+    levels, shares, pair = scene_levels(cells)
     front = chain.front(levels, shares)
     # Of a single capture, its own.
     per_lx_s = camera.sensor.electrons_per_lx_s(chain.spectrum)
-    veil_e_s = _veil_lx(front, len(levels)) * per_lx_s
+    veil_e_s = veil_lx(front, len(levels)) * per_lx_s
     if contrast is None:
         contrast = _scene_contrast(*(levels[:, index] for index in pair))
     if sensor.colour_filter or spectra_of(chain.scene):
@@ -94,10 +94,23 @@ def _coloured_rates(
     chain: Chain, sensor: Sensor, cells: Sequence[Scene], per_lx_s: float, veil_e_s: FloatArray
 ) -> PatchRates:
     """Rates of the pixels of each plane that is looked at, with their shares, for regions of several spectra."""
-    levels, shares, pair = _levels(cells)
+    patches: list[list[tuple[FloatArray, FloatArray]]] = [[], []]
+    for plane, seen in plane_rates(chain, sensor, cells, per_lx_s):
+        for patch, (rates, parts) in zip(patches, seen, strict=True):
+            patch.append((rates, plane.share * parts))
+    (dark, dark_shares), (bright, bright_shares) = (
+        tuple(np.concatenate(arrays, axis=1) for arrays in zip(*patch, strict=True)) for patch in patches
+    )
+    return PatchRates(dark, bright, veil_e_s, dark_shares, bright_shares)
+
+
+def plane_rates(
+    chain: Chain, sensor: Sensor, cells: Sequence[Scene], per_lx_s: float
+) -> Iterator[tuple[SeenPlane, Sequence[tuple[FloatArray, FloatArray]]]]:
+    """Yield each plane that is looked at with the rates of both regions' pixels, veil included, and their shares."""
+    levels, shares, pair = scene_levels(cells)
     spectra = spectra_of(chain.scene)
     reference = seen_sensor(sensor, chain.spectrum).electrons_per_lx_s(chain.spectrum) / sensor.pixel_pitch_m**2
-    patches: list[list[tuple[FloatArray, FloatArray]]] = [[], []]
     for plane in seen_planes(sensor):
         factors = [plane.relative(level, spectra, chain.spectrum) for level in chain.scene.levels()]
         front = chain.front(levels * factors, shares)
@@ -106,12 +119,7 @@ def _coloured_rates(
             seen = mixed_pair(chain, cells, front.values, sensor.pixel_pitch_m)
         else:
             seen = [(front.values[:, [index]], np.ones((len(cells), 1))) for index in pair]
-        for patch, (lux, parts) in zip(patches, seen, strict=True):
-            patch.append((scale * lux, plane.share * parts))
-    (dark, dark_shares), (bright, bright_shares) = (
-        tuple(np.concatenate(arrays, axis=1) for arrays in zip(*patch, strict=True)) for patch in patches
-    )
-    return PatchRates(dark, bright, veil_e_s, dark_shares, bright_shares)
+        yield plane, [(scale * lux, parts) for lux, parts in seen]
 
 
 def _brighter_first(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon: float) -> ExactPrediction:
@@ -154,11 +162,11 @@ def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ..
     if chain.hdr is None or chain.settings is None:
         return ()
     try:
-        sensor, _ = _sensor(chain, stage or chain.stage_names[-1])
+        sensor, _ = sensor_of_stage(chain, stage or chain.stage_names[-1])
         sensor = seen_sensor(sensor, chain.spectrum)
         camera = CameraModel(sensor, chain.settings, chain.hdr, spectrum=chain.spectrum)
         ladder = camera.ladder
-        levels, shares, (dark, _) = _levels([chain.scene])
+        levels, shares, (dark, _) = scene_levels([chain.scene])
         front = chain.front(levels, shares)
     except InputError:
         return ()
@@ -183,7 +191,7 @@ def known_transitions(chain: Chain, stage: str | None = None) -> tuple[float, ..
     return tuple(luminance for luminance in luminances if luminance > 0)
 
 
-def _sensor(chain: Chain, stage: str) -> tuple[Sensor, str]:
+def sensor_of_stage(chain: Chain, stage: str) -> tuple[Sensor, str]:
     """Sensor that a stage belongs to, and the stage's name without the sensor's."""
     for sensor_name, sensor in chain.sensors:
         for name in chain.recorded_names:
@@ -202,7 +210,7 @@ def _sensor(chain: Chain, stage: str) -> tuple[Sensor, str]:
     )
 
 
-def _camera(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
+def camera_of_stage(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
     """Sensor, exposures, merge and tone curve up to a stage."""
     assert chain.settings is not None
     names = chain.recorded_names
@@ -220,14 +228,14 @@ def _camera(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
     return CameraModel(sensor, chain.settings, chain.hdr, tone_curve, chain.spectrum)
 
 
-def _scenes(scene: Scene, fields: Mapping[str, Sequence[Any]]) -> list[Scene]:
+def scenes_of_cells(scene: Scene, fields: Mapping[str, Sequence[Any]]) -> list[Scene]:
     if not fields:
         return [scene]
     cells = zip(*fields.values(), strict=True)
     return [replace(scene, **dict(zip(fields, values, strict=True))) for values in cells]  # type: ignore[type-var]
 
 
-def _levels(scenes: Sequence[Scene]) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
+def scene_levels(scenes: Sequence[Scene]) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
     """Levels and their shares, shapes (cells, levels), and the places of the dark and the bright one."""
     pairs = scenes[0].pairs()
     cells = [scene.levels() for scene in scenes]
@@ -244,7 +252,7 @@ def _levels(scenes: Sequence[Scene]) -> tuple[FloatArray, FloatArray, tuple[int,
     return luminances, shares, (names.index(dark), names.index(bright))
 
 
-def _veil_lx(front: Signal, cells: int) -> FloatArray:
+def veil_lx(front: Signal, cells: int) -> FloatArray:
     """Illuminance that the inverse maps to luminance 0, shape (cells,)."""
     scale = float(front.values.max()) or 1.0
     points = np.array([[0.0, scale / 2, scale]])

@@ -114,7 +114,8 @@ class Chain(_Chain):
         Examples
         --------
         >>> import labcdp
-        >>> efficiencies = {"R": [[570, 0.0], [600, 0.5]], "G": [[480, 0.0], [530, 0.5], [590, 0.0]], "B": [[450, 0.4], [510, 0.0]]}
+        >>> green = [[480, 0.0], [530, 0.5], [590, 0.0]]
+        >>> efficiencies = {"R": [[570, 0.0], [600, 0.5]], "G": green, "B": [[450, 0.4], [510, 0.0]]}
         >>> chain = labcdp.Chain.load("manta-g505").with_(
         ...     sensor__colour_filter="RGGB",
         ...     sensor__planes=[{"name": name, "quantum_efficiency": curve} for name, curve in efficiencies.items()],

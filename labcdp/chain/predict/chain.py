@@ -229,6 +229,7 @@ def camera_of_stage(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
 
 
 def scenes_of_cells(scene: Scene, fields: Mapping[str, Sequence[Any]]) -> list[Scene]:
+    """Return the scene with the values of each cell."""
     if not fields:
         return [scene]
     cells = zip(*fields.values(), strict=True)

@@ -2,6 +2,7 @@
 
 - `cdp`, `cdp_matrix`, `cdp_neighbours`: contrast detection probability (CDP) of pixels
 - `colour_separation`: how well a camera tells two colours apart
+- `sfr`: sharpness at slanted edges
 - `read_image`, `open_video`: pictures and videos, with regions, as luminance
 - `Session`: recorded bench sessions, their calibration and evaluation
 - `Chain`: the simulated imaging chain, runs and sweeps
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
     from .metrics import cdp_matrix as cdp_matrix
     from .metrics import cdp_neighbours as cdp_neighbours
     from .metrics import colour_separation as colour_separation
+    from .metrics import sfr as sfr
 
     __version__: str
 
@@ -73,6 +75,7 @@ _HOME = {
     "open_video": "api.video",
     "read_dataset": "api.accessor",
     "read_image": "api.picture",
+    "sfr": "metrics",
 }
 _PACKAGES = ("calibration", "chain", "drivers", "files", "metrics", "regions")
 

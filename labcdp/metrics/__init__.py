@@ -22,6 +22,7 @@ from .uncertainty import pixels_needed
 if TYPE_CHECKING:
     from .colour import ColourSeparation, colour_separation
     from .ranges import DynamicRange, dynamic_range
+    from .slanted_edge import EdgeSfr, Sfr, lens_mtf, mean_sfr, sfr
 
 __all__ = [
     "Cdp",
@@ -31,8 +32,10 @@ __all__ = [
     "DetectionInterval",
     "Distribution",
     "DynamicRange",
+    "EdgeSfr",
     "Epsilon",
     "Region",
+    "Sfr",
     "cdp",
     "cdp_matrix",
     "cdp_neighbours",
@@ -43,7 +46,10 @@ __all__ = [
     "csnr",
     "d_prime",
     "dynamic_range",
+    "lens_mtf",
+    "mean_sfr",
     "pixels_needed",
+    "sfr",
     "snr",
     "snr_10log10_db",
     "snr_20log10_db",
@@ -56,8 +62,13 @@ __all__ = [
 _LAZY = {
     "ColourSeparation": "colour",
     "DynamicRange": "ranges",
+    "EdgeSfr": "slanted_edge",
+    "Sfr": "slanted_edge",
     "colour_separation": "colour",
     "dynamic_range": "ranges",
+    "lens_mtf": "slanted_edge",
+    "mean_sfr": "slanted_edge",
+    "sfr": "slanted_edge",
 }
 
 

@@ -6,6 +6,7 @@
 - `read_image`, `open_video`: pictures and videos, with regions, as luminance
 - `Session`: recorded bench sessions, their calibration and evaluation
 - `Chain`: the simulated imaging chain, runs and sweeps
+- `flicker`: flicker of a lamp over the frames of a video
 - `compare`: chains, sweeps, sessions or calibrations side by side
 - `Requirement`: what pictures, videos, sessions and chains are judged by
 - `read_dataset`: results that were saved as NetCDF
@@ -44,10 +45,12 @@ if TYPE_CHECKING:
     from .evaluate.requirement import Requirement as Requirement
     from .metrics import Cdp as Cdp
     from .metrics import DetectionInterval as DetectionInterval
+    from .metrics import Flicker as Flicker
     from .metrics import cdp as cdp
     from .metrics import cdp_matrix as cdp_matrix
     from .metrics import cdp_neighbours as cdp_neighbours
     from .metrics import colour_separation as colour_separation
+    from .metrics import flicker as flicker
     from .metrics import sfr as sfr
 
     __version__: str
@@ -57,6 +60,7 @@ _HOME = {
     "Chain": "api.chain",
     "Comparison": "api.compare",
     "DetectionInterval": "metrics",
+    "Flicker": "metrics",
     "Frame": "core.frame",
     "Image": "api.picture",
     "InputError": "core.errors",
@@ -72,6 +76,7 @@ _HOME = {
     "cdp_neighbours": "metrics",
     "colour_separation": "metrics",
     "compare": "api.compare",
+    "flicker": "metrics",
     "open_video": "api.video",
     "read_dataset": "api.accessor",
     "read_image": "api.picture",

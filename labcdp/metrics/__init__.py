@@ -21,6 +21,7 @@ from .uncertainty import pixels_needed
 
 if TYPE_CHECKING:
     from .colour import ColourSeparation, colour_separation
+    from .modulation import Flicker, flicker
     from .ranges import DynamicRange, dynamic_range
     from .slanted_edge import EdgeSfr, Sfr, lens_mtf, mean_sfr, sfr
 
@@ -34,6 +35,7 @@ __all__ = [
     "DynamicRange",
     "EdgeSfr",
     "Epsilon",
+    "Flicker",
     "Region",
     "Sfr",
     "cdp",
@@ -46,6 +48,7 @@ __all__ = [
     "csnr",
     "d_prime",
     "dynamic_range",
+    "flicker",
     "lens_mtf",
     "mean_sfr",
     "pixels_needed",
@@ -63,9 +66,11 @@ _LAZY = {
     "ColourSeparation": "colour",
     "DynamicRange": "ranges",
     "EdgeSfr": "slanted_edge",
+    "Flicker": "modulation",
     "Sfr": "slanted_edge",
     "colour_separation": "colour",
     "dynamic_range": "ranges",
+    "flicker": "modulation",
     "lens_mtf": "slanted_edge",
     "mean_sfr": "slanted_edge",
     "sfr": "slanted_edge",

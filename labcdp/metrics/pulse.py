@@ -1,0 +1,148 @@
+"""A pulsed lamp as frames see it: its light over the phase is a trapezoid, the pulse averaged over the exposure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+_Array = NDArray[np.float64]
+
+#: The trapezoid is right if the mean square of the residuals exceeds that of the noise by no more than this many
+#: standard deviations of chance.
+_BY_CHANCE = 5.0
+#: Least noise, relative to the modulation: rounding.
+_LEAST_NOISE_REL = 1e-6
+#: Ends of the trapezoid that are tried first.
+_ENDS = np.linspace(0, 0.5, 26)
+#: Usual correction of the rate, to which it stays near where the frames do not tell, as of a locked lamp.
+_USUAL_RATE = 0.02
+#: Steps of the fit at most.
+_MOST_STEPS = 40
+#: Steps in which the parameters of `Pulse` are looked for: of phases, and of levels relative to the modulation.
+_PHASE_STEP, _LEVEL_STEP = 0.02, 0.1
+
+
+@dataclass(frozen=True)
+class Pulse:
+    """Light of a pulsed lamp in a frame over its phase: even at the top and at the base, with a ramp between them.
+
+    Parameters
+    ----------
+    centre : float
+        Phase of the middle of the top, in periods.
+    top, base : float
+        Phases from the middle to the end of the top, and to where the base begins, up to 0.5.
+    low, high : float
+        Light at the base and at the top.
+    rate : float
+        Correction of the rate of the beat, in periods over the recording.
+    drift : float
+        Relative change of the light over the recording.
+    u_drift : float
+        Its standard uncertainty.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.metrics.pulse import Pulse
+    >>> Pulse(0.5, 0.1, 0.2, low=1.0, high=3.0).light(np.array([0.0, 0.35, 0.5])).round(3).tolist()
+    [1.0, 2.0, 3.0]
+    """
+
+    centre: float
+    top: float
+    base: float
+    low: float
+    high: float
+    rate: float = 0.0
+    drift: float = 0.0
+    u_drift: float = inf
+
+    def light(self, phases: _Array) -> _Array:
+        """Light at phases in periods, without the drift."""
+        return self.low + (self.high - self.low) * _trapezoid(phases, self.centre, self.top, self.base)
+
+
+def fit_pulse(phases: _Array, times: _Array, values: _Array, noise: _Array) -> Pulse | None:
+    """Fit the trapezoid of a pulsed lamp to frames, with the rate of the beat and the drift of the light.
+
+    Parameters
+    ----------
+    phases : ndarray of float, shape (n,)
+        Phases of the frames in periods.
+    times : ndarray of float, shape (n,)
+        Their times over the recording, -0.5 to 0.5.
+    values : ndarray of float, shape (n,)
+        Their light.
+    noise : ndarray of float, shape (n,)
+        Standard deviation of the noise of each.
+
+    Returns
+    -------
+    Pulse or None
+        None if the light is no trapezoid within its noise.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp.metrics.pulse import Pulse, fit_pulse
+    >>> phases = np.random.default_rng(0).random(100)
+    >>> light = Pulse(0.3, 0.1, 0.2, low=1.0, high=3.0).light(phases)
+    >>> pulse = fit_pulse(phases, np.linspace(-0.5, 0.5, 100), light, np.zeros(100))
+    >>> round(pulse.low, 4), round(pulse.high, 4), round(pulse.top, 4)
+    (1.0, 3.0, 0.1)
+    """
+    from scipy.optimize import least_squares
+
+    modulation = float(np.ptp(values))
+    weight = 1 / np.maximum(noise, _LEAST_NOISE_REL * modulation)
+
+    def residuals(parameters: _Array) -> _Array:
+        centre, top, ramp, low, span, rate, drift = parameters
+        shape = _trapezoid(phases + rate * times, centre, top, top + ramp)
+        return np.append(((low + span * shape) * (1 + drift * times) - values) * weight, rate / _USUAL_RATE)
+
+    def jacobian(parameters: _Array) -> _Array:
+        centre, top, ramp, low, span, rate, drift = parameters
+        distance = (phases + rate * times - centre + 0.5) % 1 - 0.5
+        shape = np.clip((top + ramp - np.abs(distance)) / max(ramp, 1e-9), 0, 1)
+        slope = np.where((shape > 0) & (shape < 1), span / max(ramp, 1e-9), 0.0)
+        inner = slope * np.sign(distance)
+        level = 1 + drift * times
+        columns = inner, slope, slope * (1 - shape), np.ones(values.size), shape, -inner * times
+        light = (low + span * shape) * times
+        rows = np.column_stack([*(column * level * weight for column in columns), light * weight])
+        return np.vstack([rows, [0, 0, 0, 0, 0, 1 / _USUAL_RATE, 0]])
+
+    steps = [_PHASE_STEP] * 3 + [_LEVEL_STEP * modulation] * 2 + [_PHASE_STEP] * 2
+    limits = [-2, 0, 0, -inf, 0, -1, -0.9], [2, 0.5, 0.5, inf, inf, 1, 0.9]
+    fit = least_squares(residuals, _start(phases, values), jacobian, x_scale=steps, bounds=limits, max_nfev=_MOST_STEPS)
+    if not 2 * fit.cost / values.size < 1 + _BY_CHANCE * sqrt(2 / values.size):
+        return None
+    centre, top, ramp, low, span, rate, drift = fit.x.tolist()
+    slopes: _Array = np.asarray(fit.jac, dtype=np.float64)
+    u_drift = sqrt(max(float(np.linalg.pinv(slopes.T @ slopes)[-1, -1]), 0.0))
+    return Pulse(centre, top, top + ramp, low, low + span, rate, drift, u_drift)
+
+
+def _trapezoid(phases: _Array, centre: float, top: _Array | float, base: _Array | float) -> _Array:
+    distance = np.abs((phases - centre + 0.5) % 1 - 0.5)
+    return np.clip((base - distance) / np.maximum(np.asarray(base) - top, 1e-9), 0, 1)
+
+
+def _start(phases: _Array, values: _Array) -> list[float]:
+    """Return the best of some trapezoids about the centre of the light."""
+    moment = np.sum((values - values.min()) * np.exp(2j * np.pi * phases))
+    centre = float(np.angle(moment) / (2 * np.pi))
+    tops, bases = (ends.ravel() for ends in np.meshgrid(_ENDS, _ENDS, indexing="ij"))
+    tops, bases = tops[tops < bases, None], bases[tops < bases, None]
+    shapes = _trapezoid(phases, centre, tops, bases)
+    means, variances = shapes.mean(axis=1), np.maximum(shapes.var(axis=1), 1e-12)
+    covariances = np.maximum(shapes @ (values - values.mean()) / values.size, 0)
+    best = int(np.argmax(covariances**2 / variances))
+    span = max(float(covariances[best] / variances[best]), 1e-9 * float(np.ptp(values)))
+    top, base = float(tops[best, 0]), float(bases[best, 0])
+    return [centre, top, base - top, float(values.mean() - span * means[best]), span, 0.0, 0.0]

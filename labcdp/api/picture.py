@@ -22,6 +22,7 @@ from ..core.result import Finding, html_table, unique
 from ..core.roi import Rectangle, Roi
 from ..evaluate.picture.converter import Converter, make_converter
 from ..evaluate.picture.neighbours import evaluate_neighbours
+from ..evaluate.verdict import CDP_LIMIT
 from ..files.picture import Picture
 from ..files.read import read_picture
 from ..files.transfer import Encoding
@@ -43,7 +44,9 @@ from .image_regions import ImageRegions
 from .variables import at_contrasts, cdp_variables, described, noted
 
 if TYPE_CHECKING:
+    from ..evaluate.chart.measure import MeasuredChart
     from ..evaluate.colour.measure import Colours
+    from ..regions.chart import Corners
 
 
 class StatedOfVideo(TypedDict, total=False):
@@ -228,6 +231,60 @@ class Image:
         from ..evaluate.picture.colours import picture_colours
 
         return picture_colours(self.picture, self.converter)
+
+    def chart(
+        self,
+        chart: PathArgument,
+        contrasts: Contrasts | None = None,
+        epsilon: Tolerance = 0.5,
+        *,
+        corners: Corners | None = None,
+        regions: Regions | None = None,
+    ) -> MeasuredChart:
+        """Measure a chart: all patches against all, and the dynamic range of the camera.
+
+        Parameters
+        ----------
+        chart : path
+            Chart file (``labcdp init chart``).
+        contrasts : float, str, array_like of them, or None
+            Contrasts to be detected; None for those of the chart's values.
+        epsilon : float or DetectionInterval
+            Their relative tolerance.
+        corners : sequence of four (x, y), or None
+            Corners of the chart in pixels: upper left, upper right, lower right, lower left.
+        regions : path, list of Roi, dict, or None
+            Regions with the names of its patches, in place of corners; without both the chart is found by its marks.
+
+        Returns
+        -------
+        MeasuredChart
+            With ``matrix``, a Dataset as of `labcdp.cdp_matrix`, and ``ranges``, the dynamic ranges.
+
+        Raises
+        ------
+        InputError
+            If the chart cannot be read, or is not found.
+        """
+        from ..evaluate.chart.chart_file import load_chart
+        from ..evaluate.chart.measure import measure_chart
+        from ..evaluate.picture.settings import ImageSettings
+
+        request = as_contrasts(contrasts, epsilon)
+        loaded, _ = load_chart(as_path(chart, "the chart"))
+        height, width = self.shape
+        rois: tuple[Roi, ...] = () if corners is None else loaded.regions(corners)
+        if regions is not None:
+            named = {roi.name: roi for roi in as_rois(regions, (width, height))}
+            missing = [name for name in loaded.names if name not in named]
+            if missing or corners is not None:
+                reason = f"have no {shown(missing[0])}" if missing else "are given beside corners"
+                raise InputError(f"regions {reason}: give one for each patch of the chart, or its corners")
+            rois = tuple(named[name] for name in loaded.names)
+        located = ImageSettings(chart=loaded, rois=rois).located(self.luminance)
+        return measure_chart(
+            self.luminance, self.unit, loaded, located.rois, request.values, request.epsilon, CDP_LIMIT
+        )
 
     def cdp_neighbours(
         self, contrasts: Contrasts | None = None, epsilon: Tolerance = 0.5, *, rectangle: Rectangle | None = None

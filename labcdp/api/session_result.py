@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from xarray import Dataset
@@ -15,7 +15,12 @@ from ..evaluate.bench.session import SessionEvaluation
 from ..evaluate.bench.session_result import CONTRASTS, LUMINANCES, session_result
 from ..report.files import envelope
 from ..report.text import warning_texts
+from .arguments import Contrasts, PathArgument, Tolerance, as_contrasts, as_path
 from .variables import cdp_variables, described
+
+if TYPE_CHECKING:
+    from ..evaluate.chart.measure import MeasuredChart
+    from ..regions.chart import Corners
 
 #: Columns of the tables by their names.
 _COLUMNS = {column.name: column for column in (*LUMINANCES, *CONTRASTS)}
@@ -67,6 +72,41 @@ class SessionResult:
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the results."""
         return warning_texts(self.evaluation.findings)
+
+    def chart(
+        self,
+        chart: PathArgument,
+        contrasts: Contrasts | None = None,
+        epsilon: Tolerance = 0.5,
+        *,
+        corners: Corners | None = None,
+    ) -> MeasuredChart:
+        """Measure a chart that was the target: all patches against all, and the dynamic range of the camera.
+
+        Parameters
+        ----------
+        chart : path
+            Chart file. One that states no value has the luminances that the meter read of the session's patches of the
+            same names.
+        contrasts : float, str, array_like of them, or None
+            Contrasts to be detected; None for those of the chart's values.
+        epsilon : float or DetectionInterval
+            Their relative tolerance.
+        corners : sequence of four (x, y), or None
+            Corners of the chart in pixels: upper left, upper right, lower right, lower left; None if the session has a
+            region for each of its patches, or it has marks.
+
+        Raises
+        ------
+        InputError
+            If the chart cannot be read, or is not found.
+        """
+        from ..evaluate.bench.chart import session_chart
+        from ..evaluate.chart.chart_file import load_chart
+
+        request = as_contrasts(contrasts, epsilon)
+        loaded, _ = load_chart(as_path(chart, "the chart"))
+        return session_chart(self.evaluation, loaded, corners, request.values, request.epsilon)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of results.json."""

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from math import isclose
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -23,7 +23,7 @@ from ..evaluate.bench.calibration_result import calibration_result
 from ..evaluate.bench.certificate import calibration_certificate
 from ..evaluate.bench.corrections import UniformLight, require_same_optics
 from ..evaluate.bench.kept import OBSERVATIONS, keep_observations
-from ..evaluate.bench.session import chosen_contrasts, evaluate_session, observe_calibrated
+from ..evaluate.bench.session import SessionEvaluation, chosen_contrasts, evaluate_session, observe_calibrated
 from ..evaluate.bench.session_page import session_files
 from ..evaluate.bench.session_result import session_input, session_result
 from ..evaluate.judgement import Verdict, verdicts_of, worst_verdict
@@ -31,6 +31,7 @@ from ..evaluate.requirement import Requirement
 from ..metrics.uncertainty import LimitVerdict
 from ..report.files import SCHEMA, WrittenResult, envelope, envelope_json, whole_result
 from ..session import ContrastConfiguration, MeterCertificate, Session, SessionConfiguration, example_session
+from .commands import As
 from .options import (
     REQUIREMENT_STATUS,
     Certificate,
@@ -45,7 +46,7 @@ from .options import (
     say_unmet,
 )
 from .terminal import progress_bar, progress_bars, say
-from .values import fraction_of_percent, parse_pair
+from .values import fraction_of_percent, parse_corners, parse_pair
 
 
 @dataclass(frozen=True)
@@ -221,6 +222,9 @@ def evaluate(
     options: ContrastOptions,
     results: Results,
     session: Path | None = None,
+    *,
+    chart: Path | None = None,
+    corners: Annotated[tuple[tuple[float, float], ...] | None, As(parse=parse_corners)] = None,
 ) -> None:
     """Compute luminance and contrast detection probability of a session's patches.
 
@@ -232,7 +236,13 @@ def evaluate(
     ----------
     session
         Folder of the session; default with --recalibrate: the session that ships with labcdp.
+    chart
+        Chart file (TOML, see labcdp init chart) of the target: all its patches against all, and the dynamic range.
+        A chart without values has the luminances that the meter read of the session's patches of the same names.
+    corners : "X,Y X,Y X,Y X,Y"
+        Corners of the chart in pixels; default: the session's regions with the names of its patches, or its marks.
     """
+    require_together({"--corners": corners}, {"--chart": chart})
     if session is None and not by.recalibrate:
         raise InputError("no session: give its folder, or --recalibrate for the session that ships with labcdp")
     source = session or example_session()
@@ -247,7 +257,9 @@ def evaluate(
             evaluation = evaluate_session(
                 *observe_calibrated(opened, loaded, options.without, report, beside=path), contrasts
             )
-        files = {"calibration": path, "requirement": options.require}
+        if chart is not None:
+            evaluation = _with_chart(evaluation, chart, corners, options)
+        files = {"calibration": path, "requirement": options.require, "chart": chart}
         inputs = [InputFile.of(role, path) for role, path in files.items() if path is not None]
         result = session_result(evaluation, inputs, requirement=requirement)
         if by.against is not None and recorded is not None:
@@ -270,6 +282,21 @@ def evaluate(
     )
     if worst != "met":
         raise typer.Exit(REQUIREMENT_STATUS[worst])
+
+
+def _with_chart(
+    evaluation: SessionEvaluation,
+    chart: Path,
+    corners: tuple[tuple[float, float], ...] | None,
+    options: ContrastOptions,
+) -> SessionEvaluation:
+    """Return an evaluated session with its target as a chart; raises InputError."""
+    from ..evaluate.bench.chart import session_chart
+    from ..evaluate.chart.chart_file import load_chart
+
+    tolerance = {} if options.epsilon is None else {"epsilon": options.epsilon}
+    measured = session_chart(evaluation, load_chart(chart)[0], corners, options.contrast, **tolerance)
+    return replace(evaluation, chart=measured)
 
 
 def _require_same(result: Result, recorded: WrittenResult, against: Path) -> None:

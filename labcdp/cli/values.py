@@ -106,3 +106,15 @@ def parse_changes(changes: Sequence[str], name: str = "--set") -> dict[str, Any]
         axis = parse_axis(text)
         values[axis.parameter] = axis.values[0] if len(axis.values) == 1 else list(axis.values)
     return values
+
+
+def parse_corners(text: str, name: str) -> tuple[tuple[float, float], ...]:
+    """Parse the four corners of a chart, ``X,Y X,Y X,Y X,Y``; raises InputError."""
+    try:
+        corners = [tuple(float(part) for part in corner.split(",")) for corner in text.split()]
+        (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners
+    except ValueError:
+        raise InputError(
+            f'{name} is {shown(text)}: give the four corners of the chart, for example "100,50 900,60 890,640 110,650"'
+        ) from None
+    return (ax, ay), (bx, by), (cx, cy), (dx, dy)

@@ -25,6 +25,7 @@ from ...output import ResultsFolder
 from ..commands import As
 from ..options import Results, end_by_requirement, require_apart, require_together
 from ..terminal import print_result, progress_bars, say
+from ..values import parse_corners
 from .options import PairOptions, PictureLightOptions, each_once, parse_pairs, read_regions, require_kind
 
 #: Pictures that are named of those that fail for one reason.
@@ -42,17 +43,6 @@ def _rectangle(text: str, name: str) -> tuple[int, int, int, int]:
     return x0, y0, x1, y1
 
 
-def _corners(text: str, name: str) -> tuple[tuple[float, float], ...]:
-    try:
-        corners = [tuple(float(part) for part in corner.split(",")) for corner in text.split()]
-        (ax, ay), (bx, by), (cx, cy), (dx, dy) = corners
-    except ValueError:
-        raise InputError(
-            f'{name} is {shown(text)}: give the four corners of the chart, for example "100,50 900,60 890,640 110,650"'
-        ) from None
-    return (ax, ay), (bx, by), (cx, cy), (dx, dy)
-
-
 def image(
     pairs: PairOptions,
     light: PictureLightOptions,
@@ -61,7 +51,7 @@ def image(
     *,
     rectangle: Annotated[tuple[int, int, int, int] | None, As(parse=_rectangle)] = None,
     chart: Path | None = None,
-    corners: Annotated[tuple[tuple[float, float], ...] | None, As(parse=_corners)] = None,
+    corners: Annotated[tuple[tuple[float, float], ...] | None, As(parse=parse_corners)] = None,
     colours: bool = False,
     pages: bool = True,
     surface: bool = False,

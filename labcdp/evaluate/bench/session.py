@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -35,6 +36,9 @@ from .recorded import (
 )
 from .rows import ContrastRow, PatchRow, contrast_row, patch_row
 
+if TYPE_CHECKING:
+    from ..chart.measure import MeasuredChart
+
 
 @dataclass(frozen=True, eq=False)
 class SessionEvaluation:
@@ -54,6 +58,8 @@ class SessionEvaluation:
         The target; for each pixel from the longest exposure that does not saturate it.
     findings : tuple of Finding
         What the user should know of calibration, patches and light.
+    chart : MeasuredChart or None
+        The target as a chart, if one was asked for.
     """
 
     observed: ObservedSession
@@ -62,6 +68,7 @@ class SessionEvaluation:
     contrasts: Sequence[ContrastRow]
     map: LuminanceMap
     findings: tuple[Finding, ...]
+    chart: MeasuredChart | None = None
 
     @property
     def simulated(self) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import chain
 
 from ...core.clock import exposure_text
 from ...core.result import Result
@@ -71,8 +72,15 @@ def session_files(evaluation: SessionEvaluation, result: Result) -> dict[str, by
     main = contrasts if evaluation.contrasts else result.table("luminance")
     main = replace(main, note=f"{main.note} {page_text('uncertainty-in-short')}".strip())
     target, luminance = _pictures(evaluation)
-    lead, sections = (target, main), _sections(evaluation, result, luminance)
+    lead: tuple[ReportFigure | Table, ...] = (target, main)
+    sections = _sections(evaluation, result, luminance)
     cards = [*requirement_cards(result), *_cards(result.table("contrasts"))]
+    if evaluation.chart is not None:
+        from ..chart.figures import chart_section, range_cards
+
+        cards = [*range_cards(evaluation.chart), *cards]
+        of_chart = chart_section(evaluation.observed.configuration.target.name, evaluation.chart, result)
+        lead, sections = (target, *result.tables_named("dynamic_range")), chain((of_chart,), sections)
     kind = "Luminance and contrast detection probability (CDP)"
     page = Page.of(result, kind, _summary(evaluation), cards, lead, sections)
     if evaluation.simulated:

@@ -105,6 +105,7 @@ def session_result(
     made = configuration.model_dump(mode="json", by_alias=True, exclude_none=True)
     more = {"configuration": made, "seed": seed, "simulated": bool(evaluation.simulated)}
     findings, session = [*evaluation.findings, _check(evaluation)], evaluation.observed.session
+    findings += () if evaluation.chart is None else evaluation.chart.findings
     tables = [*_tables(evaluation)]
     if requirement is not None:
         judgement = judged_pairs(requirement, map(_seen, evaluation.contrasts))
@@ -136,6 +137,13 @@ def session_input(session: Session) -> InputFile:
 
 def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
     title = "Contrast detection probability (CDP)"
+    if evaluation.chart is not None:
+        from ..chart.tables import matrix_tables, patch_table, range_table
+
+        charts = [(evaluation.observed.configuration.target.name, evaluation.chart)]
+        yield range_table(charts, False)
+        yield patch_table(charts, False).as_detail()
+        yield from matrix_tables(evaluation.chart)
     yield Table.of_items("contrasts", title, CONTRASTS, evaluation.contrasts)
     yield _luminance(evaluation.patches)
     yield _distribution(evaluation.contrasts)

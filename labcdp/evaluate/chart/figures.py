@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from ...core.result import Result
 from ...report import drawing
 from ...report.html import interactive
-from ...report.layout import Card, ReportFigure, Script
+from ...report.layout import Card, ReportFigure, Script, Section
 from ...report.text import shortened, significant
 from .measure import MeasuredChart
 from .tables import range_name
@@ -102,3 +103,8 @@ def range_cards(chart: MeasuredChart) -> list[Card]:
         detail = "the chart ends first" if ends.bound else f"95 %: ± {1.96 * ends.u_stops:.2f} stops"
         cards.append(Card(f"Dynamic range, {range_name(chart_range)} ≥ {ends.limit:g}", value, detail, lines))
     return cards
+
+
+def chart_section(name: str, chart: MeasuredChart, result: Result) -> Section:
+    """Return the section of a page with the figures and patches of one chart."""
+    return Section("Chart", [luminance_figure([(name, chart)]), matrix_figure(chart), *result.tables_named("chart")])

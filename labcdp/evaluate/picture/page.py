@@ -63,13 +63,11 @@ def picture_page(
     cards = [*requirement_cards(result), *_cards(picture, limit)]
     of_chart: list[Section] = []
     if picture.chart is not None:
-        from ..chart.figures import luminance_figure, matrix_figure, range_cards
+        from ..chart.figures import chart_section, range_cards
 
         cards = [*requirement_cards(result), *range_cards(picture.chart)]
         lead += result.tables_named("dynamic_range")
-        figure = luminance_figure([(picture.file, picture.chart)])
-        blocks: list[Block] = [figure, matrix_figure(picture.chart), *result.tables_named("chart")]
-        of_chart = [Section("Chart", blocks)]
+        of_chart = [chart_section(picture.file, picture.chart, result)]
     of_colours: list[Section] = []
     if picture.colours:
         from ..colour.figures import colour_cards

@@ -1,6 +1,7 @@
 """Charts in pictures that plain NumPy makes: dynamic range, matrix, and where patches are found."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -8,7 +9,10 @@ import openpyxl
 import pytest
 
 import labcdp as package
+from labcdp.api.session_result import SessionResult
 from labcdp.core.errors import InputError
+from labcdp.evaluate.bench.session_page import session_files
+from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.chart.chart_file import chart_names, chart_template, load_chart
 from labcdp.regions.chart import perspective
 
@@ -205,3 +209,45 @@ def test_wrong_chart_files_are_refused_by_name(chart_path, old, new, named):
     chart_path.write_text(chart_path.read_text().replace(old, new, 1))
     with pytest.raises(InputError, match=named):
         load_chart(chart_path)
+
+
+def test_python_gives_what_the_command_gives(labcdp, tmp_path, chart_path):
+    make_picture(tmp_path / "chart.tif")
+    result = evaluate(labcdp, tmp_path, "--chart", chart_path, "--corners", corners_text(CORNERS), "--no-pages")
+    image = package.read_image(tmp_path / "chart.tif", bit_depth=12, black_level_dn=BLACK_DN, no_vignetting=True)
+    measured = image.chart(chart_path, corners=CORNERS)
+    rows = result["tables"]["dynamic_range"]["rows"]
+    assert [chart_range.range.low for chart_range in measured.ranges] == [row["low"] for row in rows]
+    regions = {
+        name: roi.corners for name, roi in zip(measured.chart.names, measured.chart.regions(CORNERS), strict=True)
+    }
+    drawn = image.chart(chart_path, regions=regions)
+    assert drawn.matrix.equals(measured.matrix)
+    with pytest.raises(InputError, match="regions have no 'B1'"):
+        image.chart(chart_path, regions={name: regions[name] for name in measured.chart.names if name != "B1"})
+    with pytest.raises(InputError, match="has no marks"):
+        image.chart(chart_path)
+
+
+def test_the_target_of_a_session_is_a_chart_with_the_readings_as_its_values(evaluation, tmp_path):
+    names = [row.patch.name for row in evaluation.patches]
+    place = "y = 0\nwidth = 1\nheight = 1\n"
+    patches = "".join(f'[[patches]]\nname = "{name}"\nx = {x}\n{place}' for x, name in enumerate(names))
+    chart_path = tmp_path / "target.toml"
+    chart_path.write_text(f'name = "target"\nwidth = {len(names)}\nheight = 1\n{patches}')
+    chart = SessionResult(evaluation).chart(chart_path)
+    for row, luminance, region in zip(evaluation.patches, chart.luminance, chart.regions, strict=True):
+        assert luminance == row.reading.luminance_cd_m2
+        # The map has one frame of each exposure, the evaluation all of them.
+        assert region.mean == pytest.approx(row.calibrated.luminance_cd_m2, rel=0.01)
+    bright, dark = evaluation.patches[0], evaluation.patches[-1]
+    contrast = chart.matrix["contrast"].sel(bright=bright.patch.name, dark=dark.patch.name)
+    expected = max(bright.reading.luminance_cd_m2, dark.reading.luminance_cd_m2)
+    expected /= min(bright.reading.luminance_cd_m2, dark.reading.luminance_cd_m2)
+    assert float(contrast) == pytest.approx(expected - 1, rel=1e-9)
+    assert {"chart-values-read", "chart-of-bracket"} <= {finding.code for finding in chart.findings}
+    whole = replace(evaluation, chart=chart)
+    result = session_result(whole)
+    written = session_files(whole, result)
+    assert {"dynamic_range", "cdp matrix"} <= {table.name for table in result.tables}
+    assert b"Dynamic range" in written["report.html"]

@@ -10,16 +10,21 @@ from statistics import fmean
 from typing import TypeAlias
 
 from ..core.errors import CalibrationError, InputError, require_not_negative
+from ..core.photometry import THESIS_SPECTRUM
 from ..core.reading import MeterIdentity, Reading
 from ..core.result import Finding, FindingValue, info, warning
-from ..core.spectra import SpectralTable
+from ..core.spectra import SpectralTable, chromaticity
 from ..session import MeterCertificate
 from ..session.tables import EXPOSURE_JITTER_S, STABILITY_REL
+from .meter_lag import lag_findings
 
 #: Sources of common errors that belong to the meter and cancel in contrasts.
 METER_SOURCES = ("meter scale", "meter f1'", "meter drift")
 
 
+#: Difference of x or y that no error of a chroma meter explains: their data sheets state 0.004 in illuminant A, and
+#: they err by some more in the light of LEDs. D65 and D50 differ by 0.03.
+_CHROMATICITY_TOLERANCE = 0.02
 #: Time between a calibration and what is of its day: less than to the evening, more than to the next morning.
 _WITHIN_A_DAY = timedelta(hours=12)
 #: Readings of the meter by patch.
@@ -46,6 +51,8 @@ class MeterScale:
         Relative change of the readings at once that may have been one of the scale; 0 for none.
     drift_rel : float
         Limits of the relative change of the scale since the certificate (rectangular); 0 if none is stated.
+    chromaticity : (float, float) or None
+        x and y of the brightest patch as a chroma meter saw them; None of a luminance meter.
 
     Examples
     --------
@@ -62,6 +69,7 @@ class MeterScale:
     light: str = ""
     step_rel: float = 0.0
     drift_rel: float = 0.0
+    chromaticity: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         stated = {"limits_rel": self.limits_rel, "step_rel": self.step_rel, "drift_rel": self.drift_rel}
@@ -97,8 +105,20 @@ class MeterScale:
 
     @property
     def in_own_light(self) -> bool:
-        """Whether the patches are lit as the meter was at its calibration."""
-        return self.light.casefold() == self.illuminant.casefold()
+        """Whether the patches are lit as the meter was at its calibration, and its chromaticity does not deny it."""
+        return self.light.casefold() == self.illuminant.casefold() and self.contradicted_light is None
+
+    @property
+    def contradicted_light(self) -> tuple[float, float] | None:
+        """X and y of the stated light if the chroma meter saw another one; None if not, or if nothing says so."""
+        if self.chromaticity is None or self.light in ("", THESIS_SPECTRUM):
+            return None
+        try:
+            stated = chromaticity(self.light)
+        except InputError:
+            return None  # a measured spectrum is not known by its name
+        apart = max(abs(seen - expected) for seen, expected in zip(self.chromaticity, stated, strict=True))
+        return stated if apart > _CHROMATICITY_TOLERANCE else None
 
     @property
     def mismatch_rel(self) -> float:
@@ -130,11 +150,15 @@ class MeterScale:
     def findings(self, readings: Readings) -> list[Finding]:
         """Return what a user should know about the traceability of these readings, by patch."""
         name, certificate = f"{self.meter.model} {self.meter.serial}", self.certificate
-        findings = []
+        findings = lag_findings(name, readings)
+        if self.chromaticity is not None and (expected := self.contradicted_light) is not None:
+            both = zip(("x", "y", "light_x", "light_y"), (*self.chromaticity, *expected), strict=True)
+            findings.append(warning("chromaticity-differs", name, light=self.light, **dict(both)))
         if self.f1_prime is None and self.light and not self.in_own_light:
             # A certificate's U does not hold in other light; the accuracy of a data sheet is no claim of traceability.
             severe = info if certificate is None else warning
-            findings = [severe("meter-mismatch-not-stated", name, light=self.light, illuminant=self.illuminant)]
+            lights = {"light": self.light, "illuminant": self.illuminant}
+            findings.append(severe("meter-mismatch-not-stated", name, **lights))
         if certificate is None:
             return [info("meter-without-certificate", name, limits_rel=self.limits_rel), *findings]
         number, times = certificate.number, _times(readings)
@@ -214,7 +238,9 @@ def meter_scale(
         _require_certificate_for(certificate, first, _times(readings)[0])
         drift_rel = max(certificate.drift_rel(reading.timestamp) for _, reading in every)
     limits_rel = max(r.scale_half_width_rel for _, r in every)
-    return MeterScale(first, limits_rel, certificate, f1_prime, light, drift_rel=drift_rel)
+    coloured = [reading for _, reading in every if reading.chromaticity is not None]
+    colour = max(coloured, key=lambda reading: reading.luminance_cd_m2).chromaticity if coloured else None
+    return MeterScale(first, limits_rel, certificate, f1_prime, light, drift_rel=drift_rel, chromaticity=colour)
 
 
 def _require_certificate_for(certificate: MeterCertificate, meter: MeterIdentity, first: datetime) -> None:

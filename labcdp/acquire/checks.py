@@ -207,6 +207,37 @@ def check_meter_drift(
     return [CheckFinding("meter drift", cause, change, largest_rel)]
 
 
+def settling_drift_rel(readings: Sequence[Reading], largest_rel: float) -> float | None:
+    """Return the relative drift of a series of readings if it is significant, None for one that has settled.
+
+    Parameters
+    ----------
+    readings : sequence of Reading
+        Of one patch, one after the other.
+    largest_rel : float
+        Largest relative change from the first to the last that is no drift.
+
+    Examples
+    --------
+    >>> from labcdp.acquire.checks import settling_drift_rel
+    >>> from labcdp.core.reading import MeterIdentity
+    >>> from labcdp.drivers.manual import MeterAccuracy, typed_reading
+    >>> accuracy, meter = MeterAccuracy(0.02, 0.001, digits=1), MeterIdentity("L 1003", "4711")
+    >>> def drift_rel(*texts: str) -> float | None:
+    ...     return settling_drift_rel([typed_reading(text, accuracy, meter) for text in texts], largest_rel=0.01)
+    >>> round(drift_rel("9.00", "9.50", "9.70"), 3), drift_rel("9.80", "9.80", "9.80")
+    (0.074, None)
+    """
+    if len(readings) < 2:
+        return None
+    try:
+        drift = ReadingSeries(tuple(readings)).drift_rel
+    except InputError:
+        # Reported by `check_scatter`.
+        return None
+    return drift.value if abs(drift.value) > max(largest_rel, _SIGNIFICANT * drift.u) else None
+
+
 def check_scatter(patch: str, readings: Sequence[Reading], largest_rel: float) -> list[CheckFinding]:
     """Find readings of one patch that differ by more than the meter's repeatability and last digit explain.
 

@@ -16,6 +16,7 @@ from ..core.frame import Frame
 from ..drivers.computer import raise_priority
 from ..drivers.meter import Meter, require_mode
 from ..session import ReadingRecord, Role, Session
+from .checks import settling_drift_rel
 from .control import Announced, Control, Progress, Report
 from .operator import Operator
 from .plan import readings_wanted, remaining
@@ -25,6 +26,8 @@ MAX_FRAMES = 32
 MAX_BYTES = 512 * 2**20
 #: Frames per batch: large enough to share flushes to the disk, small enough to free the queue soon.
 _GROUP = 8
+#: Readings of one patch that are replaced while they drift; what then remains is left to the check of the patch.
+_MOST_REPLACED = 20
 #: Share of waiting time above which the disk is the bottleneck.
 _LIMITED_SHARE = 0.1
 
@@ -243,16 +246,36 @@ class ReadingRecorder:
             self._begun = True
             self._report(Progress("meter readings", done, total))
         for _ in range(lacking):
-            self._control.checkpoint()
-            self._announce(patch)
-            try:
-                reading = self._meter.measure()
-            finally:
-                self._note_incidents(patch)
-            require_mode(reading, correction=self._session.configuration.meter.correction)
-            self._session.add_reading(reading, patch)
             done += 1
-            self._report(Progress("meter readings", done, total, reading=(patch, reading)))
+            self._take(patch, done, total)
+        if lacking > 0:
+            self._settle(patch, done, total)
+
+    def _take(self, patch: str, done: int, total: int) -> None:
+        """Take one reading and record it."""
+        self._control.checkpoint()
+        self._announce(patch)
+        try:
+            reading = self._meter.measure()
+        finally:
+            self._note_incidents(patch)
+        require_mode(reading, correction=self._session.configuration.meter.correction)
+        self._session.add_reading(reading, patch)
+        self._report(Progress("meter readings", done, total, reading=(patch, reading)))
+
+    def _settle(self, patch: str, done: int, total: int) -> None:
+        """While the readings still drift, let the oldest no longer count and take another; not for ever."""
+        plan = self._session.configuration.plan
+        for replaced in range(_MOST_REPLACED):
+            series = [r for r in self._session.readings() if r.patch == patch][-plan.readings_per_patch :]
+            drift_rel = settling_drift_rel([record.reading for record in series], plan.largest_drift_rel)
+            if drift_rel is None:
+                return
+            if replaced == 0:
+                note = f"The readings of patch {patch} still change by {drift_rel:+.1%}: waiting until they settle"
+                self._report(Progress("meter readings", done, total, note=note))
+            self._session.supersede(series[:1], f"the readings still changed by {drift_rel:+.2%}")
+            self._take(patch, done, total)
 
     def _announce(self, patch: str) -> None:
         if self._bench is not None:

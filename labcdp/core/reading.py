@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Literal, get_args
 
 from .disk import quoted, record_of
 from .errors import InputError, naming
+from .quantity import Quantity
 from .result import html_table, number
 
 #: 1 foot-lambert = (1 / pi) cd / ft^2, with 1 ft = 0.3048 m (exact by definition of the foot).
@@ -257,6 +258,21 @@ class ReadingSeries:
         """Sample standard deviation relative to the mean; nan for one reading, or dark signal."""
         mean = self.mean_cd_m2
         return self.scatter_cd_m2 / mean if mean else nan
+
+    @property
+    def drift_rel(self) -> Quantity:
+        """Change from the first to the last reading by a straight line, relative to the mean; u by the data sheet.
+
+        nan for one reading, or dark signal.
+        """
+        n, mean = len(self.readings), self.mean_cd_m2
+        if n == 1 or not mean:
+            return Quantity(nan, nan)
+        places = [2 * i / (n - 1) - 1 for i in range(n)]  # from -1 to 1
+        size = sum(place**2 for place in places)
+        slope = sum(p * r.luminance_cd_m2 for p, r in zip(places, self.readings, strict=True)) / size
+        u = fmean(reading.standard_uncertainty_random_cd_m2 for reading in self.readings) / sqrt(size)
+        return Quantity(2 * slope / mean, 2 * u / mean)
 
     @property
     def standard_uncertainty_random_cd_m2(self) -> float:

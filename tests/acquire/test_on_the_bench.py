@@ -314,3 +314,29 @@ def test_frames_that_are_deleted_are_named_however_the_acquisition_ends(changed,
     with on_bench(changed()) as on, pytest.raises(raised) as caught:
         on.acquire(report=spoil)
     assert "0003_" in (str(caught.value) if raised is SessionError else caplog.text)
+
+
+def test_a_slow_meter_is_waited_for(changed, on_bench):
+    with on_bench(changed(["P12", "P07"])) as on:
+        engine = on.bench._meters[0]
+        engine._errors = replace(engine._errors, lag=0.4)
+        notes = []
+        on.acquire(Hands(on.bench), report=lambda progress: notes.append(progress.note or ""))
+        said = [note for note in notes if "waiting until they settle" in note]
+        assert [note.split()[4] for note in said] == ["P07"]
+        dropped = [event for event in on.events("superseded") if "still changed by" in event["reason"]]
+        assert 2 <= len(dropped) < 20
+        (dark,) = {r.patch for r in on.session.readings()} - {"P12"}
+        values = [r.reading.luminance_cd_m2 for r in on.session.readings() if r.patch == dark]
+        true = on.bench.luminance_cd_m2[dark] * (1 + engine._errors.scale_rel)
+        assert len(values) == 2
+        assert np.mean(values) == pytest.approx(true, rel=0.02)
+
+
+def test_light_that_never_settles_ends_the_wait_after_some_readings(changed, on_bench):
+    with on_bench(changed(["P12"])) as on:
+        on.bench.schedule("at 0.1 s light -99% in 60 s")
+        on.acquire(Hands(on.bench))
+        dropped = [event for event in on.events("superseded") if "still changed by" in event["reason"]]
+        assert len(dropped) == 20
+        assert is_complete(on.session)

@@ -14,6 +14,7 @@ from labcdp.calibration.setup import MeterScale, corrected, meter_scale
 from labcdp.calibration.uncertainty import expanded_rel, scales_apart
 from labcdp.core.errors import CalibrationError
 from labcdp.core.reading import MeterIdentity
+from labcdp.report.text import finding_text
 
 from .conftest import FEW_CD_M2, FEW_S, METER, bench, codes, make_reading, row
 from .test_verify import CERTIFICATE as PLAIN
@@ -180,3 +181,31 @@ def test_readings_of_two_corrections_meters_or_states_are_not_averaged():
     ):
         with pytest.raises(CalibrationError, match=message):
             meter_scale({"P": [one], "Q": [second]})
+
+
+@pytest.mark.parametrize(
+    ("light", "chromaticity", "differs"),
+    [
+        # x and y of CIE 15: A, D65, LED-B3.
+        ("A", (0.4476, 0.4074), False),
+        ("A", (0.3127, 0.3290), True),
+        ("D65", (0.3200, 0.3400), False),
+        ("LED-B3", (0.3756, 0.3723), False),
+        ("LED-B3", (0.4476, 0.4074), True),
+        ("A", None, False),
+        ("", (0.3127, 0.3290), False),
+        ("our lamp", (0.3127, 0.3290), False),
+    ],
+)
+def test_a_chroma_meter_that_sees_other_light_than_stated_has_its_f1_prime_counted(light, chromaticity, differs):
+    readings = {
+        "dark": [make_reading(1.0, chromaticity=chromaticity and (0.2, 0.2))],
+        "bright": [make_reading(10.0, chromaticity=chromaticity)],
+    }
+    scale = meter_scale(readings, CERTIFICATE, 0.06, light)
+    assert ("chromaticity-differs" in found(scale, readings)) == differs
+    assert bool(scale.mismatch_rel) == (differs or light != "A")
+    if differs:
+        text = finding_text(found(scale, readings)["chromaticity-differs"])
+        assert f"saw x {chromaticity[0]:.4f}" in text
+        assert f"{light} light has x" in text

@@ -15,7 +15,7 @@ from ..evaluate.bench.session import SessionEvaluation
 from ..evaluate.bench.session_result import CONTRASTS, LUMINANCES, session_result
 from ..report.files import envelope
 from ..report.text import warning_texts
-from .arguments import Contrasts, PathArgument, Tolerance, as_contrasts, as_path
+from .arguments import Contrasts, PathArgument, Tolerance, as_contrasts, as_number, as_path
 from .variables import cdp_variables, described
 
 if TYPE_CHECKING:
@@ -107,6 +107,30 @@ class SessionResult:
         request = as_contrasts(contrasts, epsilon)
         loaded, _ = load_chart(as_path(chart, "the chart"))
         return session_chart(self.evaluation, loaded, corners, request.values, request.epsilon)
+
+    def colour_separation(self, epsilon: float | str | None = None) -> Dataset:
+        """Tell how well the colours of the patches of each pair can be told apart, behind a colour filter.
+
+        Parameters
+        ----------
+        epsilon : float, str or None
+            Relative tolerance of the difference of chromaticity; None for that of each pair's contrast.
+
+        Returns
+        -------
+        xarray.Dataset
+            Over pair, as of ``image.regions(...).colour_separation()``.
+
+        Raises
+        ------
+        InputError
+            If the camera has no colour filter, or the patches of a pair were shown one by one.
+        """
+        from ..evaluate.bench.colours import session_colours
+        from ..evaluate.colour.measure import colour_dataset
+
+        pairs = session_colours(self.evaluation, None if epsilon is None else as_number(epsilon, "epsilon"))
+        return described(colour_dataset(pairs, {"title": "colour separation of a session"}))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of results.json."""

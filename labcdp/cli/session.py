@@ -225,6 +225,7 @@ def evaluate(
     *,
     chart: Path | None = None,
     corners: Annotated[tuple[tuple[float, float], ...] | None, As(parse=parse_corners)] = None,
+    colours: bool = False,
 ) -> None:
     """Compute luminance and contrast detection probability of a session's patches.
 
@@ -241,6 +242,8 @@ def evaluate(
         A chart without values has the luminances that the meter read of the session's patches of the same names.
     corners : "X,Y X,Y X,Y X,Y"
         Corners of the chart in pixels; default: the session's regions with the names of its patches, or its marks.
+    colours
+        Also tell how well the colours of the patches of each pair can be told apart, behind a colour filter.
     """
     require_together({"--corners": corners}, {"--chart": chart})
     if session is None and not by.recalibrate:
@@ -259,6 +262,10 @@ def evaluate(
             )
         if chart is not None:
             evaluation = _with_chart(evaluation, chart, corners, options)
+        if colours:
+            from ..evaluate.bench.colours import session_colours
+
+            evaluation = replace(evaluation, colours=session_colours(evaluation))
         files = {"calibration": path, "requirement": options.require, "chart": chart}
         inputs = [InputFile.of(role, path) for role, path in files.items() if path is not None]
         result = session_result(evaluation, inputs, requirement=requirement)

@@ -38,6 +38,7 @@ from .rows import ContrastRow, PatchRow, contrast_row, patch_row
 
 if TYPE_CHECKING:
     from ..chart.measure import MeasuredChart
+    from ..colour.measure import PairColours
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +61,8 @@ class SessionEvaluation:
         What the user should know of calibration, patches and light.
     chart : MeasuredChart or None
         The target as a chart, if one was asked for.
+    colours : tuple of PairColours
+        Colours of the pairs, if they were asked for.
     """
 
     observed: ObservedSession
@@ -69,6 +72,7 @@ class SessionEvaluation:
     map: LuminanceMap
     findings: tuple[Finding, ...]
     chart: MeasuredChart | None = None
+    colours: tuple[PairColours, ...] = ()
 
     @property
     def simulated(self) -> list[str]:

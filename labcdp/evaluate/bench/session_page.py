@@ -81,6 +81,11 @@ def session_files(evaluation: SessionEvaluation, result: Result) -> dict[str, by
         cards = [*range_cards(evaluation.chart), *cards]
         of_chart = chart_section(evaluation.observed.configuration.target.name, evaluation.chart, result)
         lead, sections = (target, *result.tables_named("dynamic_range")), chain((of_chart,), sections)
+    if evaluation.colours:
+        from ..colour.figures import colour_cards, colour_section
+
+        cards += colour_cards(evaluation.colours)
+        sections = chain((colour_section(evaluation.colours, result),), sections)
     kind = "Luminance and contrast detection probability (CDP)"
     page = Page.of(result, kind, _summary(evaluation), cards, lead, sections)
     if evaluation.simulated:

@@ -106,6 +106,7 @@ def session_result(
     more = {"configuration": made, "seed": seed, "simulated": bool(evaluation.simulated)}
     findings, session = [*evaluation.findings, _check(evaluation)], evaluation.observed.session
     findings += () if evaluation.chart is None else evaluation.chart.findings
+    findings += [finding for pair in evaluation.colours for finding in pair.separation.findings]
     tables = [*_tables(evaluation)]
     if requirement is not None:
         judgement = judged_pairs(requirement, map(_seen, evaluation.contrasts))
@@ -145,6 +146,10 @@ def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
         yield patch_table(charts, False).as_detail()
         yield from matrix_tables(evaluation.chart)
     yield Table.of_items("contrasts", title, CONTRASTS, evaluation.contrasts)
+    if evaluation.colours:
+        from ..colour.tables import colour_table
+
+        yield colour_table([(evaluation.observed.configuration.name, evaluation.colours)], False)
     yield _luminance(evaluation.patches)
     yield _distribution(evaluation.contrasts)
     for table in calibration_tables(evaluation.calibration):

@@ -8,8 +8,9 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.result import Result
 from ...report import drawing
-from ...report.layout import Card, ReportFigure
+from ...report.layout import Card, ReportFigure, Section
 from ...report.text import fixed, shortened, significant
 from .measure import PairColours
 
@@ -68,3 +69,8 @@ def colour_cards(pairs: Sequence[PairColours]) -> list[Card]:
         detail = f"CSP, 95 %: {fixed(low, 4)} to {fixed(high, 4)}"
         cards.append(Card(f"Colours, {pair.name}", fixed(found.csp.value, 4), detail, lines))
     return cards
+
+
+def colour_section(pairs: Sequence[PairColours], result: Result) -> Section:
+    """Return the section of a page with the figure and table of the colours of pairs."""
+    return Section("Colours", [colour_figure(pairs), *result.tables_named("colour_separation")])

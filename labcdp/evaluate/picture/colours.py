@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ...core.frame import Frame, filter_name
-from ...core.luminance import Invalid
 from ...core.vignetting import Cos4Vignetting
 from ...files.picture import Picture
 from ...files.transfer import decoded_table
 from ..colour.measure import Colours
+from ..colour.planes import frame_colours
 from .converter import Converter
-
-_Array = NDArray[np.floating[Any]]
 
 
 def picture_colours(picture: Picture, converter: Converter) -> Colours:
@@ -42,7 +37,7 @@ def picture_colours(picture: Picture, converter: Converter) -> Colours:
         table = decoded_table(picture.rgb.bits, picture.rgb.encoding).astype(np.float32)
         colours = Colours(table[picture.rgb.values], ("R", "G", "B"), picture.rgb.saturated, 1)
     elif picture.frame is not None and picture.frame.colour_filter is not None:
-        colours = frame_colours(converter.frame_of(picture), converter)
+        colours = frame_colours(converter.frame_of(picture), converter.calibration)
     else:
         raise InputError(
             f"{picture.path} is grey: the colours of regions need a picture in colours, or the values of a sensor "
@@ -56,34 +51,3 @@ def picture_colours(picture: Picture, converter: Converter) -> Colours:
         inverse = inverse[:: colours.step, :: colours.step][:height, :width, None]
         colours = replace(colours, values=colours.values * inverse.astype(np.float32))
     return colours
-
-
-def frame_colours(frame: Frame, converter: Converter) -> Colours:
-    """Return the colours of a frame behind a colour filter; raises CalibrationError."""
-    from ...calibration.frames.measure import split
-
-    assert frame.colour_filter is not None
-    planes = split(frame)
-    of_planes = () if converter.calibration is None else converter.calibration.planes
-    calibrations = {calibration.state.plane: calibration for calibration in of_planes}
-    values, saturated = dict[str, _Array](), []
-    for name, plane in planes.items():
-        saturated.append(plane.saturated)
-        if name in calibrations:
-            luminance = calibrations[name].to_luminance(plane)
-            values[name] = luminance.luminance_cd_m2
-            saturated.append(luminance.invalid & Invalid.SATURATED != 0)
-            continue
-        values[name] = plane.linear_dn().astype(np.float32) - np.float32(plane.linear_black_dn)
-        if plane.black_pattern is not None and plane.companding is None:
-            values[name] = values[name] - plane.black_pattern.offsets_dn(plane.shape)
-    names, joined = _joined(filter_name(frame.colour_filter), values)
-    return Colours(joined, names, np.any(saturated, axis=0), 2)
-
-
-def _joined(pattern: str, values: dict[str, _Array]) -> tuple[tuple[str, ...], _Array]:
-    """Return the names of the planes of a cell, and their values; pixels of one kind are averaged."""
-    middle = (values["Gr"] + values["Gb"]) / 2
-    if pattern.count("C") == len("CCC"):
-        return ("R", "C"), np.stack([values["R"], (2 * middle + values["B"]) / 3], axis=-1)
-    return ("R", "C" if "C" in pattern else "G", "B"), np.stack([values["R"], middle, values["B"]], axis=-1)

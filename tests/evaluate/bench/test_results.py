@@ -7,24 +7,29 @@ import re
 from contextlib import closing
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
+from labcdp.api.session_result import SessionResult
 from labcdp.calibration.budget import budget
 from labcdp.calibration.record import SavedFile, load_any, save, save_verification
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.verify import verify
+from labcdp.core.errors import InputError
 from labcdp.core.frame import PLANES
 from labcdp.core.result import warning
 from labcdp.evaluate.bench.calibrate import calibrate_recorded, calibrate_session
 from labcdp.evaluate.bench.calibration_page import calibration_page
 from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result
 from labcdp.evaluate.bench.certificate import calibration_certificate, certified_patches, verification_certificate
+from labcdp.evaluate.bench.colours import session_colours
 from labcdp.evaluate.bench.history import by_camera, history_files, history_result
 from labcdp.evaluate.bench.observe import observe_session
 from labcdp.evaluate.bench.session import evaluate_session, observe_calibrated
 from labcdp.evaluate.bench.session_page import session_files
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.bench.verification import verified_patches
+from labcdp.metrics import colour_separation
 from labcdp.report.files import envelope
 from labcdp.report.html import render_page
 from labcdp.report.text import finding_text, with_half_width
@@ -350,3 +355,35 @@ def test_a_history_has_a_row_for_each_plane_and_measurement(evaluated, tmp_path)
     assert seen == [(p, r) for p in PLANES] + [(p, None if p == "R" else r) for p in PLANES]
     write(tmp_path / "two", history_files([*planes, mono], history_result([*planes, mono])))
     assert [one.name for one in sorted((tmp_path / "two/figures").iterdir())] == ["history-1.png", "history-2.png"]
+
+
+def test_colours_of_a_session_are_those_of_the_cells_of_its_frames(recorded, tmp_path):
+    """The distance does not depend on the gain of a plane, nor on the calibration of each."""
+    again(tmp_path / "session", recorded, coloured)
+    with Session.open(tmp_path / "session") as session:
+        (observed,), calibration = calibrate_recorded([session])
+        evaluation = evaluate_session(observed, calibration)
+        result = SessionResult(evaluation).colour_separation()
+        row = evaluation.contrasts[-1]
+        frame = next(record for record in session.frames("light") if record.number == row.frame_number)
+        dn = session.load(frame).dn.astype(float)
+    pixels = []
+    for patch in (row.bright, row.dark):
+        window = patch.region.window(dn.shape)
+        rows, columns = (slice(part.start + part.start % 2, part.stop // 2 * 2) for part in window)
+        cell = dn[rows, columns]
+        green = (cell[::2, 1::2] + cell[1::2, ::2]) / 2
+        pixels.append(np.stack([cell[::2, ::2], green, cell[1::2, 1::2]], axis=-1))
+    by_dn = colour_separation(*pixels)
+    name = f"{row.target.bright} / {row.target.dark}"
+    # Only the calibration corrects vignetting and dark pattern.
+    assert float(result["colour_distance"].sel(pair=name)) == pytest.approx(by_dn.distance.value, rel=0.05)
+    with_colours = replace(evaluation, colours=session_colours(evaluation))
+    table = session_result(with_colours).table("colour_separation")
+    assert table["distance"][-1] == float(result["colour_distance"].sel(pair=name))
+    assert b"Colour separation" in session_files(with_colours, session_result(with_colours))["report.html"]
+
+
+def test_a_session_without_colour_filter_has_no_colours(evaluation):
+    with pytest.raises(InputError, match="no colour filter"):
+        session_colours(evaluation)

@@ -322,6 +322,45 @@ class Image:
         dataset = Dataset(data, attrs=self.attributes(request.epsilon, measured.findings))
         return described(at_contrasts(dataset, request, measured.contrast.value))
 
+    def sfr(self, regions: Regions) -> Dataset:
+        """Measure the sharpness (spatial frequency response) at slanted edges.
+
+        Parameters
+        ----------
+        regions : path, list of Roi, or dict
+            Regions about one edge each, as for `regions`.
+
+        Returns
+        -------
+        xarray.Dataset
+            Over edge and frequency in cycles/pixel the response; over edge MTF50, MTF10, overshoot and place in the
+            field, with standard uncertainties; see `labcdp.sfr` for a single edge. Edges that cannot be measured are
+            left out, with a warning in its attributes.
+
+        Raises
+        ------
+        InputError
+            If a region lies outside the picture, or none has an edge that can be measured.
+
+        Examples
+        --------
+        >>> import cv2
+        >>> import numpy as np
+        >>> import labcdp
+        >>> distance = (np.arange(60) + 0.5 - 30) - 0.1 * (np.arange(80)[:, None] + 0.5 - 40)
+        >>> written = cv2.imwrite("edge.png", (100 + 50 * np.tanh(distance)).round().astype(np.uint8))
+        >>> response = labcdp.read_image("edge.png", encoding="linear").sfr({"middle": (0, 0, 60, 80)})
+        >>> response["mtf50"].values.round(2).tolist()
+        [0.22]
+        """
+        from ..evaluate.sharpness.measure import measure_sharpness
+        from ..evaluate.sharpness.tables import sharpness_dataset
+
+        height, width = self.shape
+        measured = measure_sharpness(self.luminance, as_rois(regions, (width, height)))
+        attributes = self.attributes(None, measured.findings) | {"title": "sharpness of a picture"}
+        return described(sharpness_dataset(measured.edges, attributes))
+
     def to_dataset(self) -> Dataset:
         """Return luminance, its standard uncertainty and flags over y and x."""
         luminance = self.luminance.luminance_cd_m2

@@ -195,6 +195,7 @@ _GROUPS = {
         "rois": "pictures.rois",
         "image": "pictures.image",
         "image-map": "pictures.image_map",
+        "sfr": "pictures.sfr",
         "video": "pictures.video",
     },
     "Simulation": {

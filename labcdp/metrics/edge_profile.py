@@ -245,7 +245,7 @@ class EdgeProfile:
         value = float(np.mean(halves[[1, 0], np.argmax(halves, axis=1)]))
         each = excesses(self.coefficients)
         at_peak = jackknifed(each[:, int(np.argmax(each[0]))])
-        return Quantity(max(value, 0.0), at_peak.u, dof=at_peak.dof)
+        return Quantity(value, at_peak.u, dof=at_peak.dof)
 
 
 def _basis(distance_px: _Array, half_width_px: float, derivative: bool = False) -> tuple[NDArray[np.intp], _Array]:

@@ -40,7 +40,7 @@ class Sfr:
         First frequencies in cycles/pixel at which the response is 50 % and 10 %; nan if it is nowhere below.
     overshoot, undershoot : Quantity
         How far the profile of the edge rises above its bright side and falls below its dark side, as a fraction of the
-        step, at least 0; sharpening makes both.
+        step; sharpening makes both. Without it they are 0 within their noise.
 
     Examples
     --------

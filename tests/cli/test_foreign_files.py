@@ -24,6 +24,7 @@ FOLDERS = {
     "twin": ["s"],
     "image": ["a.png", "--roi", "rois.json"],
     "image-map": ["a.png", "--region-size", "10"],
+    "sfr": ["a.png", "--roi", "rois.json"],
     "video": ["a.avi", "--roi", "rois.json", "--method", "fixed", "--annotated", "--frames"],
     "simulate": ["small.toml"],
     "sweep": ["small.toml", "--exact", "--over", "scene.contrast=0.2,0.5"],

@@ -1,0 +1,1 @@
+"""Sharpness of a camera: spatial frequency response at slanted edges over the field."""

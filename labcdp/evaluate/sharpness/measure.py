@@ -1,0 +1,164 @@
+"""Sharpness of a picture: the response at each edge, its place in the field, and the MTF of the lens."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot
+
+from ...core.errors import InputError
+from ...core.luminance import LuminanceMap
+from ...core.result import Finding, error, info, unique, warning
+from ...core.roi import Roi
+from ...metrics.slanted_edge import EdgeSfr, Sfr, lens_mtf, mean_sfr, sfr
+
+#: Excess over both sides of an edge from which a picture counts as sharpened.
+_SHARPENED = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class FieldEdge:
+    """An edge in the field of a camera.
+
+    Parameters
+    ----------
+    roi : Roi
+        Region about it.
+    sfr : EdgeSfr
+        Its response.
+    x_px, y_px : float
+        Middle of the edge, in pixels of the image.
+    distance_px : float
+        Its distance from the middle of the image, where the axis of the lens is taken to be.
+    field : float
+        The same over half the diagonal of the image.
+    """
+
+    roi: Roi
+    sfr: EdgeSfr
+    x_px: float
+    y_px: float
+    distance_px: float
+    field: float
+
+
+@dataclass(frozen=True, eq=False)
+class MeanOfEdges:
+    """Mean of some of the edges.
+
+    Parameters
+    ----------
+    name : str
+        Which ones.
+    n_edges : int
+        Their number.
+    sfr : Sfr
+        Their mean, with the uncertainty by their scatter.
+    """
+
+    name: str
+    n_edges: int
+    sfr: Sfr
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSharpness:
+    """Sharpness of a picture.
+
+    Parameters
+    ----------
+    edges : tuple of FieldEdge
+        At least one, in the order of the regions.
+    pixel_pitch_m : float or None
+        Distance of the pixels on the sensor, where it is known.
+    findings : tuple of Finding
+        Findings about the edges.
+    """
+
+    edges: tuple[FieldEdge, ...]
+    pixel_pitch_m: float | None
+    findings: tuple[Finding, ...]
+
+    @property
+    def means(self) -> tuple[MeanOfEdges, ...]:
+        """Mean of all edges, then of those that show the sharpness in either direction, if there are both."""
+        groups: dict[str, list[EdgeSfr]] = {"all": [edge.sfr for edge in self.edges]}
+        for direction in ("horizontal", "vertical"):
+            of_direction = [response for response in groups["all"] if response.direction == direction]
+            if 0 < len(of_direction) < len(self.edges):
+                groups[direction] = of_direction
+        return tuple(MeanOfEdges(name, len(edges), mean_sfr(edges)) for name, edges in groups.items())
+
+    @property
+    def mtf(self) -> tuple[tuple[float, float], ...]:
+        """MTF of the lens, as `lens_mtf`; empty where the pixel pitch is not known."""
+        return () if self.pixel_pitch_m is None else lens_mtf([edge.sfr for edge in self.edges], self.pixel_pitch_m)
+
+
+def measure_sharpness(
+    luminance: LuminanceMap, rois: Sequence[Roi], pixel_pitch_m: float | None = None
+) -> MeasuredSharpness:
+    """Measure the response at the edges of a picture.
+
+    Parameters
+    ----------
+    luminance : LuminanceMap
+        The picture.
+    rois : sequence of Roi
+        Regions about one edge each, in pixels of the image.
+    pixel_pitch_m : float or None
+        Distance of the pixels on the sensor, where it is known.
+
+    Raises
+    ------
+    InputError
+        If there is no region, or none has an edge that can be measured; one that has none is a finding.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp import LuminanceMap, Roi
+    >>> from labcdp.evaluate.sharpness.measure import measure_sharpness
+    >>> distance = (np.arange(60) + 0.5 - 30) - 0.1 * (np.arange(80)[:, None] + 0.5 - 40)
+    >>> light = 100 + 50 * np.tanh(distance)
+    >>> luminance = LuminanceMap(light, np.zeros_like(light), 0.0, np.zeros(light.shape, np.uint8))
+    >>> measured = measure_sharpness(luminance, [Roi.rectangle("middle", 0, 0, 60, 80)])
+    >>> [(edge.roi.name, round(edge.sfr.mtf50.value, 2), round(edge.field, 2)) for edge in measured.edges]
+    [('middle', 0.22, 0.0)]
+    """
+    edges, failed = [], []
+    for roi in rois:
+        try:
+            edges.append(_in_field(luminance, roi, sfr(luminance, roi)))
+        except InputError as problem:
+            failed.append(error("sfr-edge-failed", roi.name, reason=str(problem)))
+    if not edges:
+        reason = f"region {failed[0].subject!r}: {failed[0].values['reason']}" if failed else "no region about an edge"
+        raise InputError(f"no edge can be measured: {reason}")
+    return MeasuredSharpness(tuple(edges), pixel_pitch_m, unique([*failed, *_findings(luminance, edges)]))
+
+
+def _in_field(luminance: LuminanceMap, roi: Roi, response: EdgeSfr) -> FieldEdge:
+    height, width = (luminance.step * size for size in luminance.shape)
+    x, y = response.line_px[len(response.line_px) // 2].tolist()
+    distance = hypot(x - width / 2, y - height / 2)
+    return FieldEdge(roi, response, x, y, distance, distance / (hypot(width, height) / 2))
+
+
+def _findings(luminance: LuminanceMap, edges: Sequence[FieldEdge]) -> list[Finding]:
+    findings = []
+    if luminance.step > 1:
+        findings.append(info("sfr-of-cells", side=luminance.step))
+    sharpened = [
+        edge.roi.name
+        for edge in edges
+        if min(edge.sfr.overshoot.interval.low, edge.sfr.undershoot.interval.low) > 0
+        and min(edge.sfr.overshoot.value, edge.sfr.undershoot.value) > _SHARPENED
+    ]
+    if sharpened:
+        findings.append(warning("sfr-sharpened", edges=sharpened))
+    for name, level in (("mtf50", 0.5), ("mtf10", 0.1)):
+        unknown = [edge.roi.name for edge in edges if getattr(edge.sfr, name).value != getattr(edge.sfr, name).value]
+        if unknown:
+            findings.append(warning("sfr-level-unknown", name.upper(), edges=unknown, level=level))
+    return findings

@@ -28,6 +28,7 @@ from .chart_picture import make_picture
 from .evaluate.bench.synthetic import again
 from .evaluate.bench.test_tone_curve import bench_of
 from .files.conftest import write_dng
+from .metrics.slanted_edges import edge_image
 from .series_camera import SeriesCamera, write_bench
 
 ROOT = Path(__file__).parents[1]
@@ -198,6 +199,11 @@ def reader(tmp_path_factory):
     save_regions(folder / "rois.json", [white, grey], image_size=(480, 400))
     for number in (1, 2):
         make_picture(folder / f"chart-{number}.tif", seed=number)
+    light = np.full((400, 480), 400.0)
+    light[150:250, 210:270] = edge_image(100, 60, 5, 0.7, 400, 1600)
+    noisy = 64 + np.random.default_rng(4).normal(light, 5)
+    cv2.imwrite(str(folder / "edges.tif"), noisy.round().astype(np.uint16))
+    save_regions(folder / "edges.json", [RectangleShape("middle", 210, 150, 60, 100)], image_size=(480, 400))
     series_camera = SeriesCamera(exposures_s=(0.032,))
     write_bench(folder / "front", series_camera, encoding=None)
     rows, columns = series_camera.shape

@@ -27,7 +27,7 @@ def sfr(
     columns of pixels. Values are taken as light: gamma and companding are undone as for labcdp image. Writes a page, a
     spreadsheet, NetCDF and JSON.
 
-    Example: labcdp sfr chart.png --roi edges.json --chain manta-g505
+    Example: labcdp sfr edges.tif --roi edges.json --chain manta-g505
 
     Parameters
     ----------

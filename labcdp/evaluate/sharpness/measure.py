@@ -140,7 +140,7 @@ def measure_sharpness(
 
 def _in_field(luminance: LuminanceMap, roi: Roi, response: EdgeSfr) -> FieldEdge:
     height, width = (luminance.step * size for size in luminance.shape)
-    x, y = response.line_px[len(response.line_px) // 2].tolist()
+    x, y = response.line_px.mean(axis=0).tolist()
     distance = hypot(x - width / 2, y - height / 2)
     return FieldEdge(roi, response, x, y, distance, distance / (hypot(width, height) / 2))
 

@@ -237,3 +237,21 @@ def test_edges_that_are_not_above_their_u_come_last():
     assert of_kind[-1]["cdp"] == found.edges.cdp[weakest[0]] == min(row["cdp"] for row in of_kind)
     # What a reference shows is evidence, however little is left of it.
     assert replace(doubtful, has_reference=True).n_uncertain == 0
+
+
+def test_a_textured_picture_has_no_headline():
+    """Fewer than a third of its borders in sight are judged; those of a plain step all are."""
+    rng = np.random.default_rng(0)
+    texture = gaussian_filter(rng.normal(size=(400, 480)), 5)
+    textured = contrast_map(map_of(100 * np.exp(texture / texture.std()) + 2 * rng.normal(size=(400, 480))))
+    assert textured.judged_share < 1 / 3
+    assert "few-edges-judged" in {finding.code for finding in textured.findings}
+    plain = contrast_map(map_of(_halves()))
+    assert plain.judged_share > 0.9
+    assert "few-edges-judged" not in {finding.code for finding in plain.findings}
+    source = PictureSource(Path("texture.png"), "0" * 64, (400, 480), "cd/m²", "c")
+    pages = [
+        contrast_map_files(found, source, map_result(found, source))["report.html"].decode()
+        for found in (textured, plain)
+    ]
+    assert ["too few judged" in page for page in pages] == [True, False]

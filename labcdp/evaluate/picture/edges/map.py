@@ -22,6 +22,8 @@ from .regions import MapRegions, map_regions, mean_of
 _CORRELATED = 1.5
 #: Share of the edges where the minimum contrast is below the noise, from which on other settings are recommended.
 _MOSTLY_BLIND = 0.5
+#: Share of the borders in sight that must be judged for a statement about the image.
+LEAST_JUDGED = 1 / 3
 #: Samples along the side of a region at which smooth errors of the calibration are evaluated.
 _SAMPLES = 6
 
@@ -125,6 +127,26 @@ class ContrastMap:
             float(self.edges.border_px[self.mask_of_kinds(kind)].sum()) for kind in (EdgeKind.SEEN, EdgeKind.LOST)
         )
         return seen / (seen + lost) if seen + lost else nan
+
+    @property
+    def n_in_sight(self) -> int:
+        """Number of borders in sight: those judged, and those of at least the minimum contrast that cannot be.
+
+        The latter are of regions that are saturated or not uniform.
+        """
+        high = self.edges.contrast >= self.settings.minimum_contrast
+        left_out = high & self.mask_of_kinds(EdgeKind.UNEVEN, EdgeKind.SATURATED)
+        return self.count(EdgeKind.SEEN, EdgeKind.LOST) + int(np.count_nonzero(left_out))
+
+    @property
+    def judged_share(self) -> float:
+        """Share of the borders in sight that are judged, detected or lost; nan without any."""
+        return self.count(EdgeKind.SEEN, EdgeKind.LOST) / self.n_in_sight if self.n_in_sight else nan
+
+    @property
+    def too_few_judged(self) -> bool:
+        """Whether so few of the borders in sight are judged that their share says little about the image."""
+        return self.judged_share < LEAST_JUDGED
 
     @property
     def blind_share(self) -> float:
@@ -264,6 +286,9 @@ def _findings(edge_map: ContrastMap) -> tuple[Finding, ...]:
         findings.append(info("edges-in-noise", count=int(hidden.sum()), contrast=least, n_edges=hidden.size))
     if edge_map.noise.inflation > _CORRELATED:
         findings.append(warning("correlated-noise", factor=edge_map.noise.inflation**0.5))
+    if edge_map.too_few_judged:
+        judged = edge_map.count(EdgeKind.SEEN, EdgeKind.LOST)
+        findings.append(warning("few-edges-judged", count=judged, n_edges=edge_map.n_in_sight))
     if edge_map.blind_share > _MOSTLY_BLIND:
         findings.append(warning("mostly-noise", contrast=edge_map.settings.minimum_contrast))
     return tuple(findings)

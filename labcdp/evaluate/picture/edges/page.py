@@ -137,6 +137,11 @@ def _cards(edge_map: ContrastMap) -> list[Card]:
     if seen + lost == 0:
         none = Card("Detected edges", "none", f"No edge has a measurable contrast of at least {least}.")
         return [none, *_left_out(edge_map)]
+    if edge_map.too_few_judged:
+        share = share_percent(edge_map.detected_share)
+        few = f"{seen + lost} of {edge_map.n_in_sight} borders in sight are judged"
+        lines = (f"{share} of these are detected, {lost} lost", "use smaller regions, or a sharper picture")
+        return [Card("Detected edges", "too few judged", few, lines), *_left_out(edge_map)]
     length_text = f"{share_percent(1 - edge_map.detected_border_share)} of their length"
     # Where the contrast of the scene is given, borders that hardly show one are asked for it, too.
     pale = int(

@@ -106,6 +106,7 @@ def _values_at_contrast(edge_map: ContrastMap) -> list[NamedValue]:
     return [
         NamedValue("detected edges", edge_map.detected_share, "%", f"share of the {counted} that are detected"),
         NamedValue("detected length", edge_map.detected_border_share, "%", "the same by the length of the edges"),
+        NamedValue("judged borders", edge_map.judged_share, "%", "share of the borders in sight that are judged"),
         *(NamedValue(f"edges: {name}", edge_map.count(kind), "", meaning) for kind, (name, meaning) in KINDS.items()),
     ]
 

@@ -26,6 +26,7 @@ from ..evaluate.bench.session_page import session_files
 from ..evaluate.bench.session_result import session_input, session_result
 from ..evaluate.camera.sensor import chain_text
 from ..evaluate.chart.chart_file import chart_template
+from ..evaluate.requirement import requirement_template
 from ..evaluate.samples import sample_files
 from ..output import ResultsFolder, write_file
 from ..session import Session, SessionConfiguration, example_configuration
@@ -107,19 +108,20 @@ _TEMPLATES = {
     "chain": (lambda: preset_text("manta-g505"), "labcdp simulate {file}"),
     "camera": (example_camera, "labcdp image PICTURE --camera-spec {file}"),
     "chart": (lambda: chart_template("grid-6x6"), 'labcdp image PICTURE --chart {file} --corners "X,Y X,Y X,Y X,Y"'),
+    "requirement": (requirement_template, "labcdp compare CHAIN CHAIN --require {file}"),
     "simulated-bench": (example_simulated_bench, "labcdp acquire PLAN rehearsal --simulated-bench {file}"),
 }
 
 
 def init(
-    template: Literal["bench", "chain", "camera", "chart", "simulated-bench", "samples"],
+    template: Literal["bench", "chain", "camera", "chart", "requirement", "simulated-bench", "samples"],
     file: Path,
     *,
     preset: str | None = None,
     sensor: Path | None = None,
     force: Force = False,
 ) -> None:
-    """Write a commented template of a bench plan, an imaging chain, a camera specification or a simulated bench.
+    """Write a commented template of a plan, a chain, a camera, a chart, a requirement or a simulated bench.
 
     Or a folder of samples: a picture, a video and their regions, to try labcdp image and labcdp video with.
 
@@ -129,7 +131,7 @@ def init(
     ----------
     template
         bench: plan of an acquisition; chain: imaging chain; camera: camera specification; chart: patches of a chart
-        and their values; simulated-bench: its devices;
+        and their values; requirement: what a camera must detect; simulated-bench: its devices;
         samples: night.png, drive.mp4 and rois.json, a computed street at night.
     file
         New TOML file to write, or folder for the samples.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.resources import files
 from os import PathLike
 from typing import Self
 
@@ -47,3 +48,8 @@ class Requirement(ConfigurationTable):
     def load(cls, path: str | PathLike[str]) -> Requirement:
         """Read a requirement from a TOML file; raises ConfigurationError if a key or value is wrong."""
         return validated(cls, read_toml(path, "a requirement"), str(path))
+
+
+def requirement_template() -> str:
+    """Return the text of a requirement to start from."""
+    return files("labcdp").joinpath("data/requirement.toml").read_text(encoding="utf-8")

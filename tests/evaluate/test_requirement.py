@@ -5,7 +5,7 @@ from math import nan
 import pytest
 
 from labcdp.evaluate.judgement import SeenContrast, judged_pairs
-from labcdp.evaluate.requirement import Requirement
+from labcdp.evaluate.requirement import Requirement, requirement_template
 
 REQUIRED = Requirement(contrast=0.8, luminance_cd_m2=(5.0, 50.0), cdp_limit=0.9)
 
@@ -85,3 +85,9 @@ def test_what_nobody_could_see_is_said(changes, of_pair, codes):
     findings = judged_pairs(REQUIRED.model_copy(update=changes), of_pair).findings
     assert {one.code for one in findings} == codes
     assert all(one.severity == "warning" for one in findings)
+
+
+def test_the_template_is_a_requirement(tmp_path):
+    file = tmp_path / "requirement.toml"
+    file.write_text(requirement_template())
+    assert Requirement.load(file).contrast == 0.8

@@ -140,6 +140,9 @@ class StreamStatistics:
     resent, missing : int
         Packets resent on request, and packets that Aravis counts as missing: for an abandoned frame, all after its
         first gap.
+    requested, duplicated, ignored : int
+        Packets that were asked for again, packets that came twice, and packets of no frame that is received: too late
+        or with a wrong number.
 
     Examples
     --------
@@ -153,6 +156,9 @@ class StreamStatistics:
     underruns: int = 0
     resent: int = 0
     missing: int = 0
+    requested: int = 0
+    duplicated: int = 0
+    ignored: int = 0
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from math import isfinite
 from typing import Any, Literal
 
 from ..core.frame import Readout
 
+#: Whether missing packets of a stream are asked for again.
+PacketResend = Literal["always", "never"]
 #: Value of a GenICam feature.
 FeatureValue = bool | int | float | str
 
@@ -44,6 +47,21 @@ class FeatureDescription:
     unit: str = ""
     limits: tuple[float, float] | None = None
     choices: tuple[str, ...] = ()
+
+
+def json_features(features: Mapping[str, FeatureValue]) -> dict[str, FeatureValue]:
+    """Return features as values JSON can hold: numbers that are not finite become text.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.camera_settings import json_features
+    >>> json_features({"Gain": 0.0, "Temperature": float("nan")})
+    {'Gain': 0.0, 'Temperature': 'nan'}
+    """
+    return {
+        name: repr(value) if isinstance(value, float) and not isfinite(value) else value
+        for name, value in features.items()
+    }
 
 
 @dataclass(frozen=True)
@@ -115,6 +133,8 @@ class CameraSetup:
         Trigger of an exposure.
     features : mapping of str to bool, int, float or str
         GenICam features by name, set last.
+    packet_resend : {'always', 'never'} or None
+        Whether missing packets are asked for again.
 
     Examples
     --------
@@ -129,11 +149,13 @@ class CameraSetup:
     black_level: float | None = None
     trigger: Trigger | None = None
     features: Mapping[str, FeatureValue] = field(default_factory=dict)
+    packet_resend: PacketResend | None = None
 
     @property
     def settings(self) -> dict[str, Any]:
-        """The settings that are given, by name."""
-        return {f.name: v for f in fields(self) if f.name != "features" and (v := getattr(self, f.name)) is not None}
+        """The settings of the camera that are given, by name."""
+        others = ("features", "packet_resend")
+        return {f.name: v for f in fields(self) if f.name not in others and (v := getattr(self, f.name)) is not None}
 
 
 #: Tolerated delay of a frame beyond its exposure and period, for a busy computer. A camera that stops answering is

@@ -22,6 +22,9 @@ JUMBO_BYTES = 9000
 #: Nominal speed of GigE Vision.
 GIGABIT_MBIT_S = 1000
 
+#: Largest step of packet sizes of cameras.
+_SIZE_STEP_BYTES = 16
+
 #: Arbitrary port: connecting a UDP socket sends nothing.
 _SOME_PORT = 3956
 
@@ -223,7 +226,7 @@ def stream_causes(
     buffer, packets = _receive_buffer(payload_bytes, granted_bytes, root), packet_size_check(packet_bytes, interface)
     away = None if interface is None else network_check(address, interface)
     if counted.completed + counted.failed + counted.missing:
-        causes = [buffer, packets, _missing(counted.missing), away]
+        causes = [buffer, packets, resend_check(counted), _missing(counted.missing), away]
     else:
         # Packets larger than the path MTU never arrive; with a small buffer the first ones do.
         loopback = not address or (interface is not None and interface.is_loopback)
@@ -256,10 +259,58 @@ def packet_size_check(packet_bytes: int | None, interface: Interface | None) -> 
     )
 
 
+def path_check(path_bytes: int | None, interface: Interface | None, camera_bytes: int | None = None) -> Check | None:
+    """Return a finding if larger packets than the path takes would leave the camera and fit the interface.
+
+    Parameters
+    ----------
+    path_bytes : int or None
+        Largest packet that came through; None if no test packet was sent.
+    interface : Interface or None
+        That leads to the camera.
+    camera_bytes : int or None
+        Largest packet of the camera, if known.
+    """
+    if path_bytes is None or interface is None:
+        return None
+    possible = min(interface.mtu_bytes, camera_bytes or interface.mtu_bytes)
+    # Cameras round the size down, in steps of up to 8 bytes.
+    if path_bytes >= possible - _SIZE_STEP_BYTES:
+        return None
+    return Check(
+        "path",
+        "notice",
+        f"packets above {path_bytes} bytes do not come through, though {interface.name} takes {interface.mtu_bytes}: a "
+        "switch between camera and computer takes no larger ones",
+        f"use a switch with jumbo frames or none, or keep packets of {path_bytes} bytes, as set now",
+    )
+
+
 def _missing(n_packets: int) -> Check | None:
     cause = "packets are missing"
     remedy = "check cable and switch, lower the frame rate or the camera's bandwidth, or raise the packet delay"
     return Check("packets", "notice", cause, remedy) if n_packets else None
+
+
+def resend_check(counted: StreamStatistics) -> Check | None:
+    """Return a finding if packets came again that do not belong where they came: too late, twice or by a wrong number.
+
+    Cameras and switches have been reported whose resent packets put pixels in a wrong place of frames that count as
+    complete: stripes.
+    """
+    remedy = 'set packet_resend = "never" in [camera]: incomplete frames are then taken again'
+    strange = counted.duplicated + counted.ignored
+    if not strange and counted.failed and counted.requested > 2 * counted.resent:
+        cause = (
+            f"of {counted.requested} packets that were asked for again {counted.resent} came in time for their frame"
+        )
+        return Check("resent packets", "notice", cause, remedy)
+    cause = (
+        f"{counted.requested} packets were asked for again and {counted.resent} came, but {counted.duplicated} packets "
+        f"came twice and {counted.ignored} too late or with a wrong number: frames that count as complete may have "
+        "stripes"
+    )
+    return Check("resent packets", "notice", cause, remedy) if strange and counted.requested else None
 
 
 def _underruns(n_packets: int) -> Check | None:

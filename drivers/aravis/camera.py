@@ -10,12 +10,12 @@ from collections.abc import Iterator
 from dataclasses import astuple
 from functools import partial
 from math import isfinite
-from typing import Self, Unpack
+from typing import Self, Unpack, get_args
 
 from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
 from ..camera import Camera, CameraError, CameraLostError, CameraSettingError, Gap, Refused, StreamStatistics
-from ..camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue
+from ..camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue, PacketResend
 from .connection import Connection, require_kept, take_snapshot
 from .features import described_features, read_feature, readable_features, write_feature
 from .known_state import not_understood
@@ -43,11 +43,14 @@ class AravisCamera(Camera):
     patience_s : float
         How long to wait for a lost camera to come back. The interrupted operation then continues with all settings
         restored, and `gaps` records the interruption. 0 raises CameraLostError immediately.
+    packet_resend : {'always', 'never'}
+        Whether missing packets are asked for again. Cameras and switches whose resent packets come twice, late or with
+        a wrong number put stripes into frames that count as complete; with ``'never'``, frames with a gap are refused.
 
     Raises
     ------
     InputError
-        If `patience_s` is negative or not finite.
+        If `patience_s` is negative or not finite, or `packet_resend` is neither.
 
     Examples
     --------
@@ -59,7 +62,12 @@ class AravisCamera(Camera):
 
     live = True
 
-    def __init__(self, selector: str | None = None, *, patience_s: float = 0.0) -> None:
+    def __init__(
+        self, selector: str | None = None, *, patience_s: float = 0.0, packet_resend: PacketResend = "always"
+    ) -> None:
+        if packet_resend not in get_args(PacketResend):
+            raise InputError(f"packet_resend is {packet_resend!r}: give 'always' or 'never'")
+        self._packet_resend: PacketResend = packet_resend
         if not (isfinite(patience_s) and patience_s >= 0):
             raise InputError(f"patience_s is {patience_s}: give 0 or more seconds")
         self._connection = Connection(selector, patience_s)
@@ -123,6 +131,11 @@ class AravisCamera(Camera):
         return self._counted if frame_stream is None else _sum(self._counted, frame_stream.statistics)
 
     @property
+    def path_packet_bytes(self) -> int | None:
+        """Largest packet that came through from the camera when it was opened; None if no test packet was sent."""
+        return self._connection.link.path_packet_bytes
+
+    @property
     def gaps(self) -> tuple[Gap, ...]:
         """Interruptions since the camera was opened, after which it was reconnected."""
         return self._connection.gaps
@@ -173,6 +186,8 @@ class AravisCamera(Camera):
             self.configure(**wanted.settings)
         for name, value in wanted.features.items():
             self.set_feature(name, value)
+        if wanted.packet_resend is not None:
+            self._packet_resend = wanted.packet_resend
         require_kept(self.identity, wanted, self.settings, self.feature)
 
     def feature(self, name: str) -> FeatureValue:
@@ -282,7 +297,8 @@ class AravisCamera(Camera):
                 "something else has changed it; configure the region, or open it again",
             )
         self._size = size
-        frame_stream = FrameStream(link, settings, self._connection.changed, n, timeout_s, on_refused)
+        changed, resend = self._connection.changed, self._packet_resend
+        frame_stream = FrameStream(link, settings, changed, n, timeout_s, on_refused, resend)
         self._frame_stream = frame_stream
         try:
             with frame_stream:

@@ -161,7 +161,7 @@ class Connection:
 
     def open(self) -> None:
         """Find the camera and take control of it."""
-        link = connect(_find_camera(self._selector))
+        link = connect(find_camera(self._selector))
         self._closed.clear()
         self._changes, self.gaps = (), ()
         self._link = link
@@ -271,8 +271,19 @@ class _NotRestoredError(CameraSettingError):
     """The camera answers as before, but not with its settings of before."""
 
 
-def _find_camera(selector: str | None) -> CameraInfo:
-    """Find the camera: at its address, mostly within milliseconds, else by Aravis' search of about a second."""
+def find_camera(selector: str | None) -> CameraInfo:
+    """Find a camera by serial number, address or model, or the only one.
+
+    At an address it is asked itself, which mostly takes milliseconds and also reaches cameras that no broadcast
+    reaches; else Aravis searches for about a second.
+
+    Raises
+    ------
+    CameraNotFoundError
+        If none fits, or more than one.
+    CameraError
+        If Aravis is not installed.
+    """
     try:
         address = str(IPv4Address(selector or ""))
     except AddressValueError:

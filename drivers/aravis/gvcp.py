@@ -27,6 +27,8 @@ CONTROL_CHANNEL_PRIVILEGE = 0x0A00
 #: Bootstrap register Stream Channel Port: its lower 16 bits are the port that the stream is sent to.
 STREAM_CHANNEL_PORT = 0x0D00
 STREAM_CHANNEL_PACKET_SIZE = 0x0D04
+#: Bits of that register: send one packet of this size now, and let no router take it apart.
+FIRE_TEST_PACKET, DO_NOT_FRAGMENT = 1 << 31, 1 << 30
 STREAM_CHANNEL_ADDRESS = 0x0D18
 
 #: Tries of 0.25 s after which a camera is lost: as long as Aravis retries itself (5 x 500 ms).

@@ -51,6 +51,8 @@ class Link:
         self.stream_port: int | None = None
         # Addresses of the other cameras behind the same interface.
         self.neighbours: frozenset[str] = frozenset()
+        # Largest packet that came through when it was opened, if test packets were sent.
+        self.path_packet_bytes: int | None = None
         self._is_gige = bool(camera.is_gv_device())
         self._sockets = sockets
         self._streams: list[Any] = []
@@ -253,7 +255,7 @@ def _prepare(link: Link) -> None:
     with link.using("it cannot be brought to a known state") as camera:
         bring_to_known_state(camera)
         if camera.is_gv_device():
-            find_packet_size(camera, link.info.address)
+            link.path_packet_bytes = find_packet_size(camera, link.info.address)
             warn_of_small_receive_buffer(camera.get_payload())
     if link.info.protocol == "GigEVision":
         link.neighbours = find_neighbours(link.info.address, _LOOK_S)

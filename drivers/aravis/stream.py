@@ -9,10 +9,10 @@ from typing import Any, NoReturn, Self
 
 from ...core.frame import Frame
 from ..camera import MOST_REFUSED, CameraError, FrameTimeoutError, Refused, StreamStatistics
-from ..camera_settings import CameraSettings
+from ..camera_settings import CameraSettings, PacketResend
 from ..computer import enlarge_receive_buffer, may_open_packet_sockets, overload, raise_priority, threads_named
 from ..device import on_error
-from ..network import stream_causes
+from ..network import resend_check, stream_causes
 from .frames import BufferPool, FrameCheck, arrival, gather_s, pool_size, refusal
 from .library import aravis, received_bytes
 from .link import Link
@@ -46,6 +46,9 @@ _COUNTERS = {
     "underruns": "n_underruns",
     "resent": "n_resent_packets",
     "missing": "n_missing_packets",
+    "requested": "n_resend_requests",
+    "duplicated": "n_duplicated_packets",
+    "ignored": "n_ignored_packets",
 }
 
 
@@ -68,6 +71,8 @@ class FrameStream:
         As of `CameraSettings.longest_wait_s`.
     on_refused : callable or None
         Called for incomplete frames; None raises them.
+    packet_resend : {'always', 'never'}
+        Whether missing packets are asked for again.
     """
 
     def __init__(
@@ -78,7 +83,9 @@ class FrameStream:
         n_frames: int,
         timeout_s: float | None,
         on_refused: Refused | None,
+        packet_resend: PacketResend = "always",
     ) -> None:
+        self._packet_resend = packet_resend
         self._link = link
         self._settings = settings
         self._chosen = chosen
@@ -128,6 +135,8 @@ class FrameStream:
         self._pool = BufferPool(self._stream, n_buffers, self._payload_bytes, typestr or "|u1", shape)
         if is_gige:
             self._stream.set_property("frame-retention", _FRAME_RETENTION_US)
+            if self._packet_resend == "never":
+                self._stream.set_property("packet-resend", aravis().GvStreamPacketResend.NEVER)
             self._link.stream_port = self._stream.get_port()
             # Aravis would do so only at the first packet, too late for the first frame.
             granted = enlarge_receive_buffer(self._stream.get_port(), self._payload_bytes)
@@ -149,6 +158,8 @@ class FrameStream:
             with contextlib.suppress(CameraError), self._link.using("acquisition cannot be stopped") as camera:
                 camera.stop_acquisition()
             self._counted = _count(stream)
+            if (resent := resend_check(self._counted)) is not None:
+                _log.warning("%s: %s", self._link.identity, resent)
             if self._link.lost:
                 self._link.defer_release(stream)
         if self._pool is not None:

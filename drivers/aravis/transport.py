@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..computer import may_open_packet_sockets, raise_receive_limit, receive_buffer_limit
-from ..network import Interface, interface_to, interfaces
+from ..network import Interface, interface_to, interfaces, path_check
 from . import gvcp
 from .features import available, writable
 from .library import aravis
+from .packet_size import path_packet_bytes
 
 _log = logging.getLogger(__name__)
 
@@ -157,13 +158,40 @@ def ask_neighbours(addresses: Iterable[str]) -> dict[str, bool]:
     return {address: controlled for address, controlled in answers.items() if controlled is not None}
 
 
-def find_packet_size(camera: Any, address: str) -> None:
-    """Let Aravis negotiate the largest packet size; raises errors of Aravis."""
+def find_packet_size(camera: Any, address: str) -> int | None:
+    """Set the largest packet size that comes through, by test packets, else as Aravis negotiates it.
+
+    Returns
+    -------
+    int or None
+        Size that the path takes, if test packets came.
+
+    Raises
+    ------
+    GLib.Error
+        Errors of Aravis.
+    """
     interface = interface_to(address, interfaces())
     if interface is not None and interface.is_loopback:
         camera.gv_set_packet_size_adjustment(aravis().GvPacketSizeAdjustment.NEVER)
-    else:
+        return None
+    path_bytes = None if interface is None else _probed_bytes(camera, interface)
+    if path_bytes is None or interface is None:
         camera.gv_auto_packet_size()
+        return None
+    camera.gv_set_packet_size_adjustment(aravis().GvPacketSizeAdjustment.NEVER)
+    camera.gv_set_packet_size(path_bytes)
+    if (narrow := path_check(path_bytes, interface)) is not None:
+        _log.warning("%s", narrow)
+    return path_bytes
+
+
+def _probed_bytes(camera: Any, interface: Interface) -> int | None:
+    """Return the largest packet that comes through, up to the camera's limit; None if no test packet came."""
+    largest = min(interface.mtu_bytes, *camera.get_integer_bounds("GevSCPSPacketSize")[1:])
+    with contextlib.suppress(OSError):
+        return path_packet_bytes(camera, str(interface.address.ip), largest)
+    return None
 
 
 def warn_of_small_receive_buffer(payload_bytes: int) -> None:

@@ -17,7 +17,16 @@ from ..camera import CameraBusyError, CameraError, IncompleteFrameError, StreamS
 from ..camera_settings import CameraSettings, FeatureValue
 from ..check import Check
 from ..device import size
-from ..network import GIGABIT_MBIT_S, Interface, interface_to, network_check, packet_size_check
+from ..network import (
+    GIGABIT_MBIT_S,
+    Interface,
+    interface_to,
+    network_check,
+    packet_size_check,
+    path_check,
+    resend_check,
+)
+from .link import ETHERNET_BYTES, HEADERS_BYTES, PlannedStream, carried_bytes_per_s, plan_check
 
 #: Number of test frames, and their exposure, within the camera's range.
 N_FRAMES = 5
@@ -27,11 +36,6 @@ _EXPOSURE_S = 0.01
 #: (SMARTEK Vision, twentynine user manual 1.0.2, figure 4); 10 °C more is our choice. Data sheets allow different
 #: temperatures.
 WARM_C = 60.0
-
-#: Bytes of a stream packet that carry no pixels: headers of IP (20), UDP (8) and GVSP (8).
-_HEADERS_BYTES = 36
-#: Ethernet overhead of an IP packet on the wire: preamble (8), header (14), checksum (4) and gap (12).
-_ETHERNET_BYTES = 38
 
 #: Size of a packet where neither camera nor interface tell.
 _SMALL_PACKET_BYTES = 1500
@@ -64,6 +68,12 @@ class CameraFacts:
         Number of incomplete frames.
     problem : CameraError or None
         Error that ended the frames early.
+    formats : tuple of str
+        Pixel formats of the camera.
+    path_bytes : int or None
+        Largest packet that came through; None if no test packet was sent.
+    planned : PlannedStream or None
+        Frames that a plan asks for.
     """
 
     settings: CameraSettings
@@ -75,6 +85,9 @@ class CameraFacts:
     came: int | None = None
     refused: int = 0
     problem: CameraError | None = None
+    formats: tuple[str, ...] = ()
+    path_bytes: int | None = None
+    planned: PlannedStream | None = None
 
     def number(self, name: str) -> float | None:
         """Return a feature that is a number and not 0; None without it."""
@@ -82,7 +95,9 @@ class CameraFacts:
         return None if not value or isinstance(value, str | bool) else float(value)
 
 
-def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool = False) -> list[Check]:
+def check_camera(
+    info: CameraInfo, known: Sequence[Interface], *, stream: bool = False, planned: PlannedStream | None = None
+) -> list[Check]:
     """Open a camera, read it, and close it again; its errors are returned as findings.
 
     Parameters
@@ -94,6 +109,8 @@ def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool =
     stream : bool
         Whether to take some frames, with the settings of `AravisCamera`; those found are restored. Without,
         nothing is written to the camera.
+    planned : PlannedStream or None
+        Frames that a plan asks for.
     """
     address = info.address if info.protocol == "GigEVision" else ""
     interface = _way_to(info, known) if address else None
@@ -101,6 +118,7 @@ def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool =
         with closing(connect(info, prepare=False)) as link:
             with link.using("it cannot be read") as camera:
                 facts = CameraFacts(read_settings(camera), dict(readable_features(camera)), temperature_c(camera))
+                facts = replace(facts, formats=tuple(camera.dup_available_pixel_formats_as_strings()))
             before = (take_snapshot(link, stream=True), _trigger_modes(link)) if stream else None
         if before is not None:
             try:
@@ -112,7 +130,7 @@ def check_camera(info: CameraInfo, known: Sequence[Interface], *, stream: bool =
     except CameraError as error:
         topic = "controller" if isinstance(error, CameraBusyError) else "camera"
         return [Check.failed(topic, error), *_network(address, interface)]
-    return camera_checks(replace(facts, address=address, interface=interface))
+    return camera_checks(replace(facts, address=address, interface=interface, planned=planned))
 
 
 def _way_to(info: CameraInfo, known: Sequence[Interface]) -> Interface | None:
@@ -166,6 +184,7 @@ def _streamed(info: CameraInfo, facts: CameraFacts) -> CameraFacts:
             problem = error
         features, statistics = camera.features(), camera.statistics
         facts = replace(facts, settings=camera.settings, features=features, statistics=statistics)
+        facts = replace(facts, path_bytes=camera.path_packet_bytes)
         # The last of too many is raised instead of reported.
         n_refused = len(refused) + isinstance(problem, IncompleteFrameError)
         return replace(facts, came=came, refused=n_refused, problem=problem)
@@ -173,7 +192,8 @@ def _streamed(info: CameraInfo, facts: CameraFacts) -> CameraFacts:
 
 def camera_checks(facts: CameraFacts) -> list[Check]:
     """Evaluate an opened camera."""
-    optional = [_packets(facts), _link(facts), *_bandwidth(facts), _temperature(facts.temperature_c)]
+    optional = [_packets(facts), _link(facts), *_bandwidth(facts), _plan(facts), _temperature(facts.temperature_c)]
+    optional += [path_check(facts.path_bytes, facts.interface), resend_check(facts.statistics)]
     return [
         Check("controller", "good", "this program could take control of it"),
         *_network(facts.address, facts.interface),
@@ -220,7 +240,7 @@ def _bandwidth(facts: CameraFacts) -> list[Check]:
     carried, packet, checks = None, facts.number("GevSCPSPacketSize"), []
     if interface is not None and interface.speed_mbit_s is not None:
         packet = packet or interface.mtu_bytes
-        carried = interface.speed_mbit_s * 1e6 / 8 * packet / (packet + _ETHERNET_BYTES)
+        carried = interface.speed_mbit_s * 1e6 / 8 * packet / (packet + ETHERNET_BYTES)
     if limit is not None and carried is not None:
         text = f"{limit[0]} is {size(limit[1])}/s, and the computer's interface carries {size(carried)}/s"
         remedy = f"set the camera's {limit[0]} to {carried * 0.95:.0f}"
@@ -229,7 +249,7 @@ def _bandwidth(facts: CameraFacts) -> list[Check]:
     if rate_hz is not None and tightest is not None:
         packet = packet or _SMALL_PACKET_BYTES
         payload = facts.number("PayloadSize") or layout_of(settings).payload_bytes(settings.width * settings.height)
-        per_frame = payload * packet / max(1, packet - _HEADERS_BYTES)
+        per_frame = payload * packet / max(1, packet - HEADERS_BYTES)
         text = (
             f"{settings.width} x {settings.height} pixels of {settings.pixel_format} at {rate_hz:.4g} frames/s need "
             f"{size(per_frame * rate_hz)}/s of {size(tightest)}/s"
@@ -237,6 +257,21 @@ def _bandwidth(facts: CameraFacts) -> list[Check]:
         remedy = f"lower the frame rate to {tightest / per_frame:.3g} frames/s, or take fewer pixels or bits"
         checks.append(Check.judged("frame rate", text, remedy if per_frame * rate_hz > tightest else None))
     return checks
+
+
+def _plan(facts: CameraFacts) -> Check | None:
+    """Compare what a plan asks for with what the link carries; without a known speed, with Gigabit Ethernet."""
+    if facts.planned is None:
+        return None
+    interface, settings = facts.interface, facts.settings
+    speed = None if interface is None else interface.speed_mbit_s
+    packet = facts.number("GevSCPSPacketSize") or _SMALL_PACKET_BYTES
+    carried = carried_bytes_per_s(packet, speed or GIGABIT_MBIT_S)
+    limits = [value for name in _BANDWIDTH_FEATURES if (value := facts.number(name))]
+    whole = [facts.number(name) for name in ("HeightMax", "WidthMax")]
+    height, width = whole if facts.planned.shape is None else facts.planned.shape
+    shape = (int(height or settings.height), int(width or settings.width))
+    return plan_check(facts.planned, shape, settings.frame_rate_hz, min([carried, *limits]), facts.formats)
 
 
 def _temperature(temperature_c: float | None) -> Check | None:

@@ -39,8 +39,12 @@ class Command:
 
 #: Faults of a camera: a share of its packets is lost; it neither answers nor sends; it answers, but sends no frame; it
 #: has no power, and afterwards the settings after power-on; it repeats frame ids or sends older ones; its frames have
-#: half the height.
-CAMERA_FAULTS: Final = ("lose", "freeze", "stall", "vanish", "wrong ids", "wrong size")
+#: half the height; packets come again on request (value: index in `RESEND_KINDS`); a switch on the path takes packets
+#: up to a size only.
+CAMERA_FAULTS: Final = ("lose", "freeze", "stall", "vanish", "wrong ids", "wrong size", "resend", "path")
+
+#: How lost packets come again on request: as they should, too late, twice, or with the number of another packet.
+RESEND_KINDS: Final = ("right", "late", "twice", "wrong")
 
 #: Faults of a camera by kind, with the share of lost packets.
 CameraFaults = Mapping[str, float]
@@ -72,6 +76,8 @@ _RULES: Final[tuple[tuple[str, str, Callable[[str], float | str], str], ...]] = 
     *((kind, _LASTS, float, f"{kind} for 3 s") for kind in ("freeze", "stall")),
     ("vanish", _LASTS, float, "vanish for 5 s"),
     *((kind, _LASTS, float, f"{kind} for 2 s") for kind in ("wrong ids", "wrong size")),
+    ("resend", rf" (?P<value>{'|'.join(RESEND_KINDS)}){_LASTS}", RESEND_KINDS.index, "resend twice for 20 s"),
+    ("path", rf" (?P<value>{_NUMBER}) ?bytes{_LASTS}", _between(576, 9000), "path 1500 bytes"),
     ("temperature", rf" (?P<value>[+-]{_NUMBER}) ?c{_WITHIN}", _between(-80, 80), "temperature +8 C in 10 min"),
     ("light", rf" (?P<value>[+-]{_NUMBER}) ?%{_WITHIN}", _between(-100, float("inf"), 0.01), "light -5% in 1 h"),
     ("meter", rf" (?P<value>{'|'.join(METER_CODES).lower()})", str.upper, "meter ER10"),

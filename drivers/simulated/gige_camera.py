@@ -21,11 +21,13 @@ from ..aravis.gvcp import STREAM_CHANNEL_PORT
 from ..aravis.library import aravis
 from ..camera import CameraError
 from ..device import Device, on_error
-from .commands import CameraFaults
+from .commands import RESEND_KINDS, CameraFaults
 from .control import ControlPort, check_free, request_filter
 from .device import TEMPERATURE_STEPS_PER_C, FrameRenderer, FrameSource, Registers, SimulatedDevice, Wanted
 from .genicam import RegisterAddress, description, writable_registers
 from .last_packet import LastPacket
+from .path import TestPackets
+from .resend import CAN_RESEND, CAPABILITY, ResendPort
 
 __all__ = ["SimulatedDevice", "SimulatedGigECamera"]
 
@@ -83,6 +85,8 @@ class SimulatedGigECamera(Device):
         self.address = address
         self._renderer = FrameRenderer(source)
         self._last_packet = LastPacket(address)
+        self._resend: ResendPort | None = None
+        self._path: TestPackets | None = None
         self._temperature = temperature
         self._frame_id: int | None = None
         self._exposing: Hashable = None
@@ -124,6 +128,10 @@ class SimulatedGigECamera(Device):
         self._switch_off()
         self._renderer.close()
         self._last_packet.close()
+        for helper in (self._resend, self._path):
+            if helper is not None:
+                helper.close()
+        self._resend = self._path = None
 
     def set_faults(self, faults: CameraFaults) -> None:
         """Replace the current faults.
@@ -145,6 +153,8 @@ class SimulatedGigECamera(Device):
             if self._control is not None:
                 self._control.deaf("freeze" in faults)
             self._set_height("wrong size" in faults)
+            self._set_resend()
+            self._set_path()
             self._lose(self._share_lost())
 
     def follow_temperature(self) -> None:
@@ -187,8 +197,32 @@ class SimulatedGigECamera(Device):
         del gone
         gc.collect()
 
+    def _set_resend(self) -> None:
+        """Send packets again on request, or no longer."""
+        kind = self._faults.get("resend")
+        if self._registers is not None:
+            able = self._registers.read(CAPABILITY) & ~CAN_RESEND
+            self._registers.write(CAPABILITY, able if kind is None else able | CAN_RESEND)
+        if kind is None and self._resend is not None:
+            self._resend.close()
+            self._resend = None
+        if kind is not None:
+            self._resend = self._resend or ResendPort(self.address)
+            self._resend.kind = RESEND_KINDS[int(kind)]
+
+    def _set_path(self) -> None:
+        """Let packets up to a size through, and answer to test packets."""
+        largest = self._faults.get("path")
+        if self._path is not None:
+            self._path.close()
+            self._path = None
+        if largest is not None and self._registers is not None:
+            self._path = TestPackets(self.address, self._registers, int(largest))
+
     def _share_lost(self) -> float:
         faults = self._faults
+        if self._path is not None and self._path.is_blocked():
+            return 1.0
         return 1.0 if "stall" in faults or "freeze" in faults else faults.get("lose", 0.0)
 
     def _lose(self, share: float) -> None:
@@ -233,6 +267,8 @@ class SimulatedGigECamera(Device):
         # Bits of a pixel stand in the code of its format (PFNC 2.1); Aravis' simulator rounds the size down.
         n_bytes = wanted.readout.width * wanted.readout.height * (format_code >> 16 & 0xFF) // 8
         frame_id = self._next_id(buffer)
+        if self._resend is not None:
+            self._resend.keep(registers, payload, frame_id)
         ctypes.memmove(_aravis_c().arv_buffer_get_data(buffer, None), payload.ctypes.data, n_bytes)
         _aravis_c().arv_buffer_set_frame_id(buffer, frame_id)
         if n_bytes < payload.nbytes and self._share_lost() == 0:

@@ -300,6 +300,7 @@ def prepare_camera(camera: Camera, configured: CameraConfiguration) -> CameraSet
         black_level=configured.black_level,
         trigger=None if trigger is None else Trigger(trigger),
         features=configured.features or {},
+        packet_resend=configured.packet_resend,
     )
     camera.prepare(setup)
     return setup

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
@@ -13,7 +12,7 @@ from ..core.clock import Clock, SystemClock, exposure_text
 from ..core.errors import InputError, SessionError
 from ..core.roi import Roi
 from ..drivers.camera import Camera
-from ..drivers.camera_settings import FeatureValue
+from ..drivers.camera_settings import json_features
 from ..drivers.meter import Meter
 from ..report.text import finding_text
 from ..session import EventRecord, Session
@@ -187,7 +186,7 @@ def _begin(session: Session, camera: Camera, meter: Meter, report: Report) -> No
     session.add_event("camera setup", asdict(setup))
     not_understood = list(camera.not_understood)
     session.add_event(
-        "camera features", {"features": _json_values(camera.features()), "not understood": not_understood}
+        "camera features", {"features": json_features(camera.features()), "not understood": not_understood}
     )
     if not_understood:
         _log.info("camera features left unchanged: %s", ", ".join(not_understood))
@@ -205,14 +204,6 @@ def is_complete(session: Session) -> bool:
     """
     ended = any(isinstance(r, EventRecord) and r.kind == "complete" for r in session.records)
     return ended and remaining(session).complete
-
-
-def _json_values(features: Mapping[str, FeatureValue]) -> dict[str, FeatureValue]:
-    """JSON-compatible features: non-finite floats become text."""
-    return {
-        name: repr(value) if isinstance(value, float) and not math.isfinite(value) else value
-        for name, value in features.items()
-    }
 
 
 def _search(

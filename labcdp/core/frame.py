@@ -510,7 +510,7 @@ class Frame:
         dn : ndarray
             The pixels.
         metadata : dict
-            As of `metadata`.
+            As of `metadata`; ``features`` of the camera, as `labcdp snap` writes them, are left out.
         curve : Companding or None
             Curve that is stated for the frame, for example by its session; curves that ship with labcdp need not be.
 
@@ -519,6 +519,7 @@ class Frame:
         InputError
             If a field is missing, unknown or has an unusable value, or the frame has codes of another curve.
         """
+        metadata = {name: value for name, value in metadata.items() if name != "features"}
         companding = recorded_curve(metadata, curve)
         return cls(dn=dn, **_recorded(metadata) | black_levels(metadata), companding=companding)
 

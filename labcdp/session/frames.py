@@ -8,9 +8,10 @@ import json
 import os
 import re
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -106,12 +107,12 @@ _IT = Path("it")
 _ASCII, _SHORT, _LONG, _PIXELS = 2, 3, 4, -1
 
 
-def frame_to_tiff(frame: Frame, compress: bool) -> bytes:
+def frame_to_tiff(frame: Frame, compress: bool, features: Mapping[str, Any] | None = None) -> bytes:
     """Make the bytes of a one-page grey TIFF; as `tiff_parts`."""
-    return b"".join(tiff_parts(frame, compress))
+    return b"".join(tiff_parts(frame, compress, features))
 
 
-def tiff_parts(frame: Frame, compress: bool) -> tuple[bytes, Buffer]:
+def tiff_parts(frame: Frame, compress: bool, features: Mapping[str, Any] | None = None) -> tuple[bytes, Buffer]:
     """Make a one-page grey TIFF with the frame's own depth, 8, 16 or 32 bit: its head, and its pixels without a copy.
 
     Parameters
@@ -120,6 +121,8 @@ def tiff_parts(frame: Frame, compress: bool) -> tuple[bytes, Buffer]:
         The frame; its ``metadata()`` goes into the tag ImageDescription as JSON.
     compress : bool
         Whether to compress without loss (zlib, TIFF compression 8), about half the size and 15 times the time.
+    features : mapping or None
+        The camera's GenICam features, written beside the metadata under the key ``features``; readers leave them out.
 
     Raises
     ------
@@ -127,7 +130,8 @@ def tiff_parts(frame: Frame, compress: bool) -> tuple[bytes, Buffer]:
         If the metadata has a value JSON does not have.
     """
     try:
-        description = json.dumps(frame.metadata(), allow_nan=False)
+        beside = {} if features is None else {"features": dict(features)}
+        description = json.dumps(frame.metadata() | beside, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InputError(
             f"the metadata of frame {frame.frame_id} cannot be written as JSON ({error}): give text and finite numbers"

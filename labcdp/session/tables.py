@@ -224,6 +224,7 @@ class CameraConfiguration(ConfigurationTable):
     )
     binning: tuple[Count, Count] | None = Field(None, description="[columns, rows], whole numbers of at least 1")
     trigger: Text | None = Field(None, description='"Software", or the name of a line as text, for example "Line1"')
+    packet_resend: Literal["always", "never"] | None = Field(None, description='"always" or "never"')
     features: dict[FeatureName, bool | int | float | str] | None = Field(
         None, description="a [camera.features] table of GenICam names with true, false, numbers or text"
     )

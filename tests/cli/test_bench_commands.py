@@ -9,6 +9,7 @@ from zipfile import ZipFile
 import cv2
 import numpy as np
 import pytest
+import tifffile
 
 from labcdp.chain import Chain
 from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
@@ -59,10 +60,22 @@ def test_devices_are_found_checked_and_read(labcdp, running_bench, tmp_path):
     linear = np.where(seen <= 10, seen / 255 / 12.92, ((seen / 255 + 0.055) / 1.055) ** 2.4)
     np.testing.assert_allclose(linear, pixels / 4095, atol=0.005)
 
+    # A snapshot has the camera's features beside its metadata, and reads like any other frame.
+    with tifffile.TiffFile(tmp_path / "first.tif") as tiff:
+        noted = json.loads(tiff.pages.first.description)
+    assert noted["features"]["DeviceID"] == camera["serial"]
     port = ("--meter", meter["address"])
     tables = results_of(labcdp("meter", *port, "-n", "4", "--json"))["tables"]
     mean = next(row for row in tables["series"]["rows"] if row["quantity"] == "mean")
     assert mean["value"] == pytest.approx(np.mean([reading["value"] for reading in tables["readings"]["rows"]]))
+
+    # At its address it is found also where no broadcast reaches it, as snap finds it.
+    (tmp_path / "fast.toml").write_text(
+        example_configuration().replace("frame_rate_hz = 11.0", "frame_rate_hz = 500.0")
+    )
+    done = labcdp("doctor", "--json", "--camera", camera["address"], "--plan", "fast.toml")
+    (of_plan,) = [row for row in rows_of(done, "checks") if row["topic"] == "plan"]
+    assert (of_plan["state"], "frame_rate_hz = " in of_plan["remedy"]) == ("notice", True)
 
     done = labcdp("doctor", "--json", *port, "--stream-test", camera["serial"], "--report", "bug.zip")
     groups = checks_of(done)

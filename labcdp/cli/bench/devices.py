@@ -18,6 +18,7 @@ from ...drivers.aravis.camera import AravisCamera
 from ...drivers.aravis.gvcp import set_address as change_address
 from ...drivers.aravis.library import discover
 from ...drivers.camera import CameraError, take_again
+from ...drivers.camera_settings import json_features
 from ...drivers.meter import measure_series
 from ...drivers.minolta.ls import MinoltaLS
 from ...drivers.minolta.meter import find_meter_ports
@@ -77,7 +78,7 @@ def snap(
     Parameters
     ----------
     file
-        TIFF file to write; an 8-bit PNG to look at is written beside it.
+        TIFF file to write, with the camera's features; an 8-bit PNG to look at is written beside it.
     camera
         Serial number, address or model; default: the only one.
     exposure
@@ -93,7 +94,8 @@ def snap(
     with AravisCamera(camera, patience_s=DeviceOptions.patience) as opened:
         opened.configure(exposure_s=exposure, pixel_format=pixel_format)
         frame = opened.snap(on_refused=take_again)
-    write_file(file, frame_to_tiff(frame, False), force=force)
+        features = json_features(opened.features())
+    write_file(file, frame_to_tiff(frame, False, features), force=force)
     write_file(picture, _picture(frame), force=force)
     height, width = frame.shape
     quantities = [

@@ -21,17 +21,20 @@ from ...core.errors import DeviceError, LabcdpError
 from ...core.reading import SerialMeterModel
 from ...core.result import Result
 from ...core.table import Column, Table
-from ...drivers.aravis.library import CameraInfo, choose, discover
+from ...drivers.aravis.connection import find_camera
+from ...drivers.aravis.library import CameraInfo, discover
 from ...drivers.camera import CameraError
 from ...drivers.check import Check
 from ...drivers.computer import firewall
 from ...drivers.doctor.camera import check_camera
 from ...drivers.doctor.computer import host_checks, no_camera_check
+from ...drivers.doctor.link import PlannedStream, planned_stream
 from ...drivers.doctor.meter import check_meter
 from ...drivers.doctor.report import camera_files, meter_files
 from ...drivers.network import interfaces
 from ...output import write_file
 from ...report.files import envelope_json
+from ...session import SessionConfiguration
 from ..commands import as_json
 from ..options import Force, MeterModel, output_file, require_apart
 from ..terminal import print_result, say
@@ -49,6 +52,7 @@ def doctor(
     meter: str | None = None,
     meter_model: MeterModel = "LS-110",
     stream_test: str | None = None,
+    plan: Path | None = None,
     report: Path | None = None,
     force: Force = False,
 ) -> None:
@@ -65,14 +69,17 @@ def doctor(
         Serial port of the luminance meter, for example /dev/ttyUSB0; default: no meter is checked.
     stream_test : SERIAL
         Also take some frames with this camera; its settings are restored afterwards.
+    plan
+        TOML file with bench and plan: also check that the link carries its pixel format at its frame rate.
     report
         .zip file for a problem report: findings, GenICam description and features, bytes of the meter.
     """
     require_apart({"--camera": camera}, {"--stream-test": stream_test})
     if report is not None:
         output_file(report, force, option="--report")
+    stream = None if plan is None else planned_stream(SessionConfiguration.load(plan))
     computer = _attempt(host_checks)
-    groups = [("This computer", computer), *_cameras(stream_test or camera, stream_test is not None)]
+    groups = [("This computer", computer), *_cameras(stream_test or camera, stream_test is not None, stream)]
     if meter is not None:
         groups.append((f"Luminance meter on {meter}", _attempt(lambda: check_meter(meter, meter_model))))
     counts: Counter[str] = Counter(finding.state for _, findings in groups for finding in findings)
@@ -107,8 +114,7 @@ def _report(result: Result, selector: str | None, meter: str | None, model: Seri
     """Make the archive of a problem report; what cannot be read is left out, as the findings say why."""
     files = {"doctor.json": envelope_json(result).encode()}
     with suppress(CameraError):
-        devices = discover()
-        for info in devices if selector is None else [choose(devices, selector)]:
+        for info in discover() if selector is None else [find_camera(selector)]:
             with suppress(CameraError):
                 files |= camera_files(info)
     if meter is not None:
@@ -133,13 +139,11 @@ def _attempt(checks: Callable[[], list[Check]]) -> list[Check]:
         return [Check("check", "unknown", f"the check itself failed ({type(error).__name__}: {error})")]
 
 
-def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Check]]]:
+def _cameras(selector: str | None, stream: bool, planned: PlannedStream | None) -> list[tuple[str, list[Check]]]:
     """Check the selected camera, or all cameras found."""
     known = interfaces()
     try:
-        devices = discover()
-        if selector is not None and devices:
-            devices = [choose(devices, selector)]
+        devices = discover() if selector is None else [find_camera(selector)]
     except CameraError as error:
         # A missing Aravis is reported as a fault of this computer; only real cameras need it.
         return [("Cameras", [Check.failed("discovery", error, "unknown" if selector is None else "fault")])]
@@ -148,7 +152,7 @@ def _cameras(selector: str | None, stream: bool) -> list[tuple[str, list[Check]]
 
     def check(info: CameraInfo) -> tuple[str, list[Check]]:
         name = f"Camera {info.vendor} {info.model}, serial {info.serial}, at {info.address}"
-        return name, _attempt(lambda: check_camera(info, known, stream=stream))
+        return name, _attempt(lambda: check_camera(info, known, stream=stream, planned=planned))
 
     return [check(info) for info in devices]
 

@@ -14,8 +14,16 @@ from labcdp.drivers.aravis.link import connect
 from labcdp.drivers.camera import StreamStatistics
 from labcdp.drivers.camera_settings import CameraSettings
 from labcdp.drivers.doctor.camera import CameraFacts, camera_checks, check_camera
-from labcdp.drivers.network import Interface, interfaces
+from labcdp.drivers.doctor.link import (
+    PlannedStream,
+    carried_bytes_per_s,
+    frame_rate_hz,
+    plan_check,
+    planned_stream,
+)
+from labcdp.drivers.network import Interface, interfaces, resend_check
 from labcdp.drivers.simulated.gige_camera import SimulatedGigECamera
+from labcdp.session import SessionConfiguration, example_configuration
 
 from ..conftest import SMALL, Ramp, features
 
@@ -87,3 +95,78 @@ def test_a_camera_that_another_program_controls(camera_on_loopback):
     with AravisCamera(info.address):
         found = check_camera(info, interfaces())
     assert (found[0].topic, found[0].state) == ("controller", "fault")
+
+
+GIGE = carried_bytes_per_s(1500, 1000)
+SENSOR = (2056, 2452)
+
+
+@pytest.mark.parametrize(
+    ("mtu", "megabytes", "rates"),
+    [
+        (1500, 119.0, {"Mono12": 11.8, "Mono12Packed": 15.7, "Mono8": 23.6}),
+        (9000, 124.0, {"Mono12": 12.3, "Mono12Packed": 16.4}),
+    ],
+)
+def test_what_gigabit_ethernet_carries_of_a_manta(mtu, megabytes, rates):
+    """Each packet of the MTU takes 38 bytes more on the wire and has 36 bytes of headers."""
+    carried = carried_bytes_per_s(mtu, 1000)
+    assert round(carried / 1e6, 1) == megabytes
+    assert {name: round(frame_rate_hz(name, SENSOR, carried), 1) for name in rates} == rates
+
+
+OFFERED = ("Mono8", "Mono12", "Mono12Packed", "BayerRG12", "Unknown14")
+
+
+@pytest.mark.parametrize(
+    ("planned", "state", "text"),
+    [
+        (PlannedStream("Mono12", 11.0), "good", r"2452 x 2056 pixels of Mono12 at 11 frames/s, 110.9 MB/s"),
+        (
+            PlannedStream("Mono12"),
+            "notice",
+            r'119.0 MB/s of pixels: 11.8 frames/s: give pixel_format = "Mono12Packed" \(15.7',
+        ),
+        (
+            PlannedStream("Mono12", 20.0),
+            "notice",
+            r"or frame_rate_hz = 11.8 in \[camera\], or a region of at most 12\d\d rows",
+        ),
+        (PlannedStream("Mono12Packed", 20.0), "notice", r"give frame_rate_hz = 15.7 in"),
+        (PlannedStream("Mono12", 20.0, (1000, 2452)), "good", "2452 x 1000 pixels"),
+        (PlannedStream("Unknown14", 20.0), None, ""),
+    ],
+)
+def test_a_plan_is_told_what_fits(planned, state, text):
+    check = plan_check(planned, SENSOR, 15.0, GIGE, OFFERED)
+    assert (check and check.state) == state
+    assert re.search(text, str(check))
+
+
+def test_the_template_asks_for_what_gigabit_ethernet_carries():
+    planned = planned_stream(SessionConfiguration.from_toml(example_configuration(), "example"))
+    assert plan_check(planned, SENSOR, None, GIGE, OFFERED).state == "good"
+
+
+def test_the_doctor_looks_at_the_plan_and_at_the_path():
+    facts = replace(MANTA, planned=PlannedStream("Mono12", 15.0), formats=OFFERED, path_bytes=1500)
+    checks = {check.topic: check for check in camera_checks(facts)}
+    assert (checks["plan"].state, checks["path"].state) == ("notice", "notice")
+    assert "packets above 1500 bytes do not come through, though eth1 takes 9000" in checks["path"].cause
+    assert "path" not in {check.topic for check in camera_checks(replace(MANTA, path_bytes=8996))}
+
+
+@pytest.mark.parametrize(
+    ("counted", "text"),
+    [
+        (StreamStatistics(resent=4, requested=4), None),
+        (StreamStatistics(duplicated=9), None),
+        (StreamStatistics(resent=4, requested=4, duplicated=1), "1 packets came twice and 0 too late"),
+        (StreamStatistics(resent=4, requested=4, ignored=2), "2 too late or with a wrong number"),
+        (StreamStatistics(requested=4, failed=1), "of 4 packets that were asked for again 0 came in time"),
+    ],
+)
+def test_resent_packets(counted, text):
+    check = resend_check(counted)
+    assert (check and check.topic) == (text and "resent packets")
+    assert text is None or text in check.cause

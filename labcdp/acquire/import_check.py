@@ -11,7 +11,7 @@ from ..core.dn import pixel_format
 from ..core.errors import InputError
 from ..core.frame import CameraIdentity, Frame, pixels_sha256
 from ..core.result import Finding, info, warning
-from ..files import IMAGE_SUFFIXES, FileFrame, PictureOptions, read_image, read_raw
+from ..files import DUMP_SUFFIXES, IMAGE_SUFFIXES, FileFrame, PictureOptions, read_image, read_raw
 from ..session import Role, SessionConfiguration
 
 #: Relative difference of f-numbers and focal lengths explained by rounding; third stops differ by 12 %.
@@ -38,6 +38,8 @@ class ImportFile:
         Exposure time, if not in the file.
     temperature_c : float or None
         Temperature of the camera, which no file states that labcdp reads; None if it is not known.
+    size : (int, int) or None
+        Width and height of a raw dump in pixels, whose format is ``plan.pixel_format``.
     """
 
     path: Path
@@ -45,6 +47,7 @@ class ImportFile:
     patch: str | None = None
     exposure_s: float | None = None
     temperature_c: float | None = None
+    size: tuple[int, int] | None = None
 
 
 def check_files(
@@ -142,8 +145,10 @@ def read_import_file(file: ImportFile, configuration: SessionConfiguration) -> F
         gain_db=configuration.plan.gain_db,
         camera=CameraIdentity(camera.vendor or "unknown", camera.model or "unknown", camera.serial or "unknown"),
         encoding=camera.curve,
+        size=file.size,
     )
-    if file.path.suffix.lower() in IMAGE_SUFFIXES:
+    suffix = file.path.suffix.lower()
+    if suffix in IMAGE_SUFFIXES or (file.size is not None and suffix in DUMP_SUFFIXES):
         read = read_image(file.path, pixel_format(configuration.plan.pixel_format), defaults)
     elif camera.curve is not None:
         raise InputError(f"{file.path} is a camera RAW, which states its curve itself: leave the encoding out")

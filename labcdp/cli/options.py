@@ -200,7 +200,8 @@ def default_folder(source: str | Path, command: str) -> Path:
 
 def _has_namesake(path: Path) -> bool:
     """Whether another picture or video beside a file differs in its suffix alone: night.jpg beside night.png."""
-    from ..files.read import DUMP_SUFFIXES, STATED_SUFFIXES
+    from ..files import DUMP_SUFFIXES
+    from ..files.read import STATED_SUFFIXES
     from ..files.video.open import VIDEO_SUFFIXES
 
     kinds = {*STATED_SUFFIXES, *DUMP_SUFFIXES, *VIDEO_SUFFIXES}

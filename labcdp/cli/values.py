@@ -118,3 +118,12 @@ def parse_corners(text: str, name: str) -> tuple[tuple[float, float], ...]:
             f'{name} is {shown(text)}: give the four corners of the chart, for example "100,50 900,60 890,640 110,650"'
         ) from None
     return (ax, ay), (bx, by), (cx, cy), (dx, dy)
+
+
+def parse_size(text: str, name: str) -> tuple[int, int]:
+    """Parse width and height in pixels, ``2464x2056``; raises InputError."""
+    try:
+        width, height = (int(part) for part in text.lower().split("x"))
+    except ValueError:
+        raise InputError(f"{name} is {shown(text)}: give width and height in pixels, for example 2464x2056") from None
+    return width, height

@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from ..core.companding import Companding, shipped_curve, shipped_curves
-from .frame import IMAGE_SUFFIXES, FileFrame, frame_of_pixels, read_image
+from .frame import DUMP_SUFFIXES, IMAGE_SUFFIXES, FileFrame, frame_of_pixels, read_image
 from .picture import Picture, PictureOptions
 from .read import picture_paths, read_picture
 
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .raw import read_raw
 
 __all__ = [
+    "DUMP_SUFFIXES",
     "IMAGE_SUFFIXES",
     "Companding",
     "FileFrame",

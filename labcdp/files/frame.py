@@ -18,7 +18,7 @@ from ..core.dn import PixelFormat, pixel_format
 from ..core.errors import InputError, naming
 from ..core.frame import BlackPattern, CameraIdentity, Frame
 from ..core.result import Finding, info, warning
-from .kinds import PNG, TIFF
+from .kinds import NPY, PNG, TIFF
 from .picture import PictureFile, PictureOptions
 from .statements import FileStatements
 from .stored_image import INTEGERS, MAX_PIXELS
@@ -108,22 +108,25 @@ _LEAVES_VALUES = (
     "black-pattern",
     INTEGERS,
 )
-#: Endings of the names of the files this module reads.
-IMAGE_SUFFIXES = (".tif", ".tiff", ".png")
+#: Usual endings of the names of raw dumps.
+DUMP_SUFFIXES = (".bin", ".dat", ".raw")
+#: Endings of the names of the files this module reads, besides raw dumps whose size is given.
+IMAGE_SUFFIXES = (".tif", ".tiff", ".png", ".npy")
 
 
 def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureOptions) -> FileFrame:
-    """Read a grey TIFF or PNG whose values are the DN of a sensor: of 8 or 16 bits, or up to 24 in 32.
+    """Read a grey TIFF, PNG, NumPy array or raw dump whose values are the DN of a sensor, of up to 24 bits.
 
     Parameters
     ----------
     path : path
         The file.
     layout : PixelFormat
-        Bit depth, which a file of 16 bits does not state, and colour filter. A pixel is saturated at the highest DN.
+        Bit depth, which a file of 16 bits does not state, and colour filter; of a raw dump also how its pixels are
+        packed. A pixel is saturated at the highest DN.
     options : PictureOptions
-        Exposure, gain and camera where the file does not say; the encoding if the DN are codes of a curve, which may
-        end before `layout` does.
+        Exposure, gain and camera where the file does not say; the size of a raw dump; the encoding if the DN are codes
+        of a curve, which may end before `layout` does.
 
     Raises
     ------
@@ -143,22 +146,30 @@ def read_image(path: str | PathLike[str], layout: PixelFormat, options: PictureO
     """
     path = Path(path)
     data, sha256 = picture_bytes(path, MAX_PIXELS)
-    if data.startswith(PNG):
-        from .png_jpeg import read_png
+    is_dump = options.size is not None and path.suffix.lower() in DUMP_SUFFIXES
+    if is_dump:
+        from .png_jpeg import read_dump
 
-        dn, statements = read_png(data, path, MAX_PIXELS)
+        assert options.size is not None
+        dn, statements = read_dump(data, path, options.size, layout.name, MAX_PIXELS)
+    elif data.startswith((PNG, NPY)):
+        from .png_jpeg import read_npy, read_png
+
+        dn, statements = (read_png if data.startswith(PNG) else read_npy)(data, path, MAX_PIXELS)
     elif data.startswith(TIFF):
         from .tiff import read_tiff
 
         dn, statements = read_tiff(data, path, MAX_PIXELS)
     else:
-        raise InputError(f"{path} is neither a TIFF nor a PNG file: give one of these, or a camera RAW file")
+        raise InputError(
+            f"{path} is no TIFF, PNG or NumPy array: give one of these, a camera RAW file, or a raw dump with its size"
+        )
     kind = "of floats" if statements.bits is None else f"of {statements.bits} bits"
     # What labcdp does not apply leaves the values as they are, and their black level is beside them.
     altered = [finding for finding in statements.changes if finding.code not in _LEAVES_VALUES]
     coloured, curve = dn.ndim == 3, options.encoding if isinstance(options.encoding, Companding) else None
     depths = (8, 16) if layout.bit_depth <= 16 else (16, 32)
-    if coloured or statements.bits not in depths or altered:
+    if coloured or (statements.bits not in depths and not is_dump) or altered:
         changes = [finding.code.replace("-", " ") for finding in altered]
         what = [*(["coloured"] if coloured else []), kind, *changes]
         bits = " or ".join(map(str, depths))

@@ -25,6 +25,7 @@ from ..core.result import Finding, info, warning
 from ..core.vignetting import Lens
 from .doubts import BLACK_LEVEL, ENCODING, doubts_of, encodings, histogram_of, mosaic_of
 from .frame import (
+    DUMP_SUFFIXES,
     IMAGE_SUFFIXES,
     NO_EXPOSURE_S,
     Scale,
@@ -447,8 +448,6 @@ RAW_SUFFIXES = (
 )  # fmt: skip
 #: Endings of names whose bytes say what they are.
 STATED_SUFFIXES = (".exr", ".jpeg", ".jpg", ".npy", ".npz", ".png", ".tif", ".tiff", *RAW_SUFFIXES)
-#: Usual endings of raw dumps; with a size given, any other ending is a dump too.
-DUMP_SUFFIXES = (".bin", ".dat", ".raw")
 #: Endings of names of what can be imported into a session: some cameras' RAW files end in .raw, and many write a JPEG
 #: besides.
 IMPORTED_SUFFIXES = (*IMAGE_SUFFIXES, *RAW_SUFFIXES, ".raw")

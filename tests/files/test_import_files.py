@@ -187,6 +187,34 @@ def test_images_of_other_programs_are_imported(folder, labcdp):
     assert found == [(exposure_s, "Mono12", "Still 1") for exposure_s in (0.01, 0.01, 0.02)]
 
 
+def test_raw_dumps_and_arrays_are_imported_as_the_same_frames(folder, labcdp):
+    """Mono12Packed, two pixels in three bytes, equals the array of its values."""
+    rng, shape = np.random.default_rng(1), (56, 312)
+    text = (folder / "bench.toml").read_text(encoding="utf-8")
+    plan = '[plan]\npixel_format = "Mono12Packed"\n'
+    (folder / "bench.toml").write_text(text.replace("[plan]\n", plan), encoding="utf-8")
+    for name in ("a", "dark"):
+        dn = rng.integers(50, 4000 if name == "a" else 60, shape).astype(np.uint16)
+        np.save(folder / f"{name}.npy", dn)
+        first, second = dn.ravel()[::2], dn.ravel()[1::2]
+        # GigE Vision 2.0, figure 26-9: high bits of both pixels, the low ones of both between them.
+        packed = np.stack([first >> 4, (second & 15) << 4 | first & 15, second >> 4], axis=1).astype(np.uint8)
+        packed.tofile(folder / f"{name}.raw")
+    found = []
+    for kind, more in (("raw", ("--size", "312x56")), ("npy", ())):
+        done = labcdp(
+            "import", "bench.toml", kind, "--readings", "readings.csv", "--light", f"a.{kind}", "--dark",
+            f"dark.{kind}", "--exposure", "10ms", *more,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        session = Session.open(folder / kind)
+        found.append([session.load(record).dn for record in session.frames()])
+    np.testing.assert_array_equal(*found)
+    np.testing.assert_array_equal(found[0][0], np.load(folder / "a.npy"))
+    done = labcdp("import", "bench.toml", "x", "--readings", "readings.csv", "--light", "a.raw", "--size", "300x56")
+    assert "a.raw has 26208 bytes, 300 x 56 pixels of Mono12Packed take 25200" in done.stderr
+
+
 def test_temperatures_are_stated_for_all_for_a_kind_or_for_one_picture(folder, labcdp, imported, files):
     arguments = ["import", "bench.toml", "s", "--light", "light", "--dark", "dark", "--readings", "readings.csv"]
     for wrong, message in (

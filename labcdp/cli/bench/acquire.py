@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from functools import partial
 from itertools import groupby
 from pathlib import Path
+from typing import Annotated
 
 import typer
 
@@ -21,13 +22,15 @@ from ...core.disk.files import shell_word, shown
 from ...core.errors import InputError, SessionError
 from ...core.result import InputFile, NamedValue, Result, quantity_table
 from ...core.table import Column, Table
+from ...files import DUMP_SUFFIXES
 from ...files.read import IMPORTED_SUFFIXES, picture_paths
 from ...regions import load_regions
 from ...session import EventRecord, FrameRecord, ReadingRecord, Role, Session, SessionConfiguration
 from ...session.records import ROLES
 from ...web.bench.recording import with_regions
+from ..commands import As
 from ..terminal import print_result, progress_bars, say
-from ..values import parse_seconds, parse_temperature
+from ..values import parse_seconds, parse_size, parse_temperature
 from .connected import connected
 from .operators import Console, Keys
 from .options import Again, DeviceOptions, Person, Replay
@@ -201,12 +204,13 @@ def import_files(
     exposure: tuple[str, ...] = (),
     temperature: tuple[str, ...] = (),
     encoding: str | None = None,
+    size: Annotated[tuple[int, int] | None, As(parse=parse_size)] = None,
 ) -> None:
-    """Create a session from camera RAW files, or grey TIFF and PNG files, and a list of meter readings.
+    """Create a session from camera RAW files, grey TIFF, PNG and NPY files or raw dumps, and a list of meter readings.
 
     With import and calibrate, a still camera that writes RAW files becomes a luminance meter. All files are checked
-    before anything is written. Repeating the command adds what is missing. Values of TIFF and PNG files are read as
-    plan.pixel_format of the configuration; RAW files contain their format.
+    before anything is written. Repeating the command adds what is missing. Values of TIFF, PNG and NPY files and of raw
+    dumps are read as plan.pixel_format of the configuration; RAW files contain their format.
 
     Parameters
     ----------
@@ -230,13 +234,15 @@ def import_files(
     encoding
         Curve of companded data, by its name (AR0231, AR0820, OX03C10) or a TOML file; default: camera.encoding of the
         configuration. The session keeps codes and curve.
+    size
+        Width and height of raw dumps (.raw, .bin, .dat), for example 2464x2056.
     """
     wanted = SessionConfiguration.load(configuration)
     if encoding is not None:
         wanted = wanted.model_copy(update={"camera": wanted.camera.with_encoding(encoding)})
     exposures_s = _by_name(exposure, "--exposure", parse_seconds)
     temperatures_c = _by_name(temperature, "--temperature", parse_temperature)
-    given = partial(_pictures, exposures_s, temperatures_c)
+    given = partial(_pictures, exposures_s, temperatures_c, size)
     files = [file for text in light for file in given(*_of_patch(text), "light")]
     files += [file for text in dark for file in given("", text, "dark")]
     if not any(file.role == "light" for file in files):
@@ -273,12 +279,17 @@ def _of_patch(text: str) -> tuple[str, str]:
 
 
 def _pictures(
-    exposures_s: Mapping[str, float], temperatures_c: Mapping[str, float], patch: str, text: str, role: Role
+    exposures_s: Mapping[str, float],
+    temperatures_c: Mapping[str, float],
+    size: tuple[int, int] | None,
+    patch: str,
+    text: str,
+    role: Role,
 ) -> list[ImportFile]:
     """Return the files of a name, a folder or a pattern, by name."""
     path = Path(text)
     if path.is_dir():
-        paths = picture_paths([path], IMPORTED_SUFFIXES)
+        paths = picture_paths([path], IMPORTED_SUFFIXES if size is None else (*IMPORTED_SUFFIXES, *DUMP_SUFFIXES))
     elif any(mark in text for mark in "*?[") and not path.exists():
         paths = sorted(Path(path.anchor).glob(str(path.relative_to(path.anchor))))
     else:
@@ -293,6 +304,7 @@ def _pictures(
             patch or None,
             exposures_s.get(str(path), exposures_s.get("")),
             temperatures_c.get(str(path), of_role),
+            size,
         )
         for path in paths
     ]

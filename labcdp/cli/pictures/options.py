@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from ...core.disk import real_path
-from ...core.disk.files import open_regular, shown
+from ...core.disk.files import open_regular
 from ...core.errors import InputError
 from ...core.frame import ColourFilter
 from ...core.result import InputFile
@@ -19,15 +19,7 @@ from ...regions import ImageSize, read_region_file, rois_of
 from ..commands import As
 from ..options import Contrasts, Length, Require, Seconds, Temperature, Tolerance, require_apart
 from ..terminal import say
-from ..values import parse_pair
-
-
-def _size(text: str, name: str) -> tuple[int, int]:
-    try:
-        width, height = (int(part) for part in text.lower().split("x"))
-    except ValueError:
-        raise InputError(f"{name} is {shown(text)}: give width and height in pixels, for example 2464x2056") from None
-    return width, height
+from ..values import parse_pair, parse_size
 
 
 @dataclass(frozen=True)
@@ -118,7 +110,7 @@ class PictureLightOptions(LightOptions):
     """
 
     pixel_format: str | None = None
-    size: Annotated[tuple[int, int] | None, As(parse=_size)] = None
+    size: Annotated[tuple[int, int] | None, As(parse=parse_size)] = None
 
     def stated(self) -> dict[str, Any]:
         """Return what is given about the files, None for what is not."""

@@ -244,12 +244,11 @@ class ColourRegion:
         image[self.mask] = values
         return region_inflation(image, self.mask)
 
-    @property
-    def chromaticity(self) -> _Array:
-        """Share of each plane in the sum of all; nan of pixels whose sum is not above 0."""
-        sums = self.pixels.sum(axis=1, keepdims=True)
-        shares = np.divide(self.pixels, sums, out=np.full(self.pixels.shape, nan), where=sums > 0)
-        return np.asarray(shares, dtype=np.float64)
+
+def chromaticity(pixels: _Array) -> _Array:
+    """Return the share of each plane in the sum of all, shape (n, planes); nan of pixels whose sum is not above 0."""
+    sums = pixels.sum(axis=1, keepdims=True)
+    return np.asarray(np.divide(pixels, sums, out=np.full(pixels.shape, nan), where=sums > 0), dtype=np.float64)
 
 
 def _inverse(covariance: _Array) -> _Array:
@@ -357,7 +356,7 @@ def _detected_pairs(
     if not radius > 0:
         return direction, Quantity(nan, nan)
     shares = [
-        _share_within(region.chromaticity, other.chromaticity, sign * direction, radius)
+        _share_within(chromaticity(region.pixels), chromaticity(other.pixels), sign * direction, radius)
         for region, other, sign in ((first, second, 1), (second, first, -1))
     ]
     share = float(shares[0].mean())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import ceil
+from math import ceil, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +56,8 @@ def colour_cards(pairs: Sequence[PairColours]) -> list[Card]:
     cards = []
     for pair in pairs[:_MOST_PAIRS]:
         found = pair.separation
-        if pair.saturated:
-            cards.append(Card(f"Colours, {pair.name}", "saturated"))
+        if not isfinite(found.distance.value):
+            cards.append(Card(f"Colours, {pair.name}", "saturated" if pair.saturated else "not compared"))
             continue
         low, high = found.csp.interval
         ends = found.detected.interval

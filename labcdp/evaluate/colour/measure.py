@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import nan
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from ...core.errors import InputError
 from ...core.quantity import Quantity
 from ...core.result import Finding, warning
 from ...core.roi import Roi
-from ...metrics.colour import ColourRegion, ColourSeparation, separation
+from ...metrics.colour import ColourRegion, ColourSeparation, chromaticity, separation
 from ...metrics.region import SATURATED_SHARE
 
 if TYPE_CHECKING:
@@ -46,14 +46,20 @@ class Colours:
     saturated: NDArray[np.bool_]
     step: int
 
-    def region(self, roi: Roi) -> tuple[ColourRegion, float]:
-        """Return the colours of a region, and the share of it that is saturated; raises InputError."""
+    def region(self, roi: Roi) -> tuple[_Array, NDArray[np.bool_], float]:
+        """Return the pixels of a region, its mask in its bounding box, and the share that is saturated.
+
+        Raises
+        ------
+        InputError
+            If it lies outside the picture.
+        """
         height, width = self.saturated.shape
         roi.window((self.step * height, self.step * width))
         scaled = roi.divided(self.step)
         window, mask = scaled.window((height, width)), scaled.mask((height, width))
         pixels = np.asarray(self.values[window][mask], dtype=np.float64)
-        return ColourRegion(roi.name, pixels, mask), float(np.mean(self.saturated[window][mask]))
+        return pixels, mask, float(np.mean(self.saturated[window][mask]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,31 +131,33 @@ def measure_colours(
     Raises
     ------
     InputError
-        If a region lies outside the picture, is too small, or its planes have no noise of their own.
+        If a region lies outside the picture.
     """
     regions = {roi.name: colours.region(roi) for roi in rois}
-    clouds = {name: _cloud(region) for name, (region, _) in regions.items()}
-    measured = []
+    clouds = {name: _cloud(name, pixels) for name, (pixels, _, _) in regions.items()}
+    axes, measured = _axes(colours.names), []
     for names in pairs:
-        (first, second), shares = zip(*(regions[name] for name in names), strict=True)
+        shares = [regions[name][2] for name in names]
         saturated = max(shares) > SATURATED_SHARE
-        try:
-            result = separation(first, second, epsilon)
-        except InputError as error:
-            raise InputError(f"{names[0]} / {names[1]}: {error}") from error
         if saturated:
             full = names[int(shares[1] > shares[0])]
-            result = _unknown(result, warning("colours-saturated", full, share=max(shares)))
-        measured.append(PairColours(clouds[names[0]], clouds[names[1]], _axes(colours.names), result, saturated))
+            result = _unknown(len(colours.names), epsilon, warning("colours-saturated", full, share=max(shares)))
+        else:
+            try:
+                first, second = (ColourRegion(name, *regions[name][:2]) for name in names)
+                result = separation(first, second, epsilon)
+            except InputError as error:
+                # Of other pairs, and of the contrast of this one, it takes nothing.
+                finding = warning("colours-not-measured", " / ".join(names), reason=str(error))
+                result = _unknown(len(colours.names), epsilon, finding)
+        measured.append(PairColours(clouds[names[0]], clouds[names[1]], axes, result, saturated))
     return tuple(measured)
 
 
-def _unknown(result: ColourSeparation, finding: Finding) -> ColourSeparation:
-    """Return a result without values: what clips the noise of a plane tells colours apart that are not."""
+def _unknown(planes: int, epsilon: float, finding: Finding) -> ColourSeparation:
+    """Return a separation without values: what clips the noise of a plane tells colours apart that are not."""
     unknown = Quantity(nan, nan)
-    return replace(
-        result, distance=unknown, csp=unknown, csp_own=unknown, csp_bound=nan, detected=unknown, findings=(finding,)
-    )
+    return ColourSeparation(unknown, unknown, unknown, nan, np.full(planes, nan), unknown, epsilon, findings=(finding,))
 
 
 def _axes(names: tuple[str, ...]) -> tuple[str, str]:
@@ -159,13 +167,13 @@ def _axes(names: tuple[str, ...]) -> tuple[str, str]:
     return f"{names[0]} / ({total})", f"{names[1]} / ({total})"
 
 
-def _cloud(region: ColourRegion) -> Cloud:
-    values = region.pixels if region.pixels.shape[1] == 2 else region.chromaticity[:, :2]
+def _cloud(name: str, pixels: _Array) -> Cloud:
+    values = pixels if pixels.shape[1] == 2 else chromaticity(pixels)[:, :2]
     defined = values[np.isfinite(values[:, 0])]
     if len(defined) < 2:
-        return Cloud(region.name, np.empty((0, 2)), np.full(2, nan), np.full((2, 2), nan))
+        return Cloud(name, np.empty((0, 2)), np.full(2, nan), np.full((2, 2), nan))
     shown = defined[np.unique(np.linspace(0, len(defined) - 1, _DRAWN).astype(int))]
-    return Cloud(region.name, shown, defined.mean(axis=0), np.cov(defined, rowvar=False))
+    return Cloud(name, shown, defined.mean(axis=0), np.cov(defined, rowvar=False))
 
 
 def colour_dataset(pairs: Sequence[PairColours], attributes: dict[str, Any]) -> Dataset:

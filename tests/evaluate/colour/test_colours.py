@@ -101,6 +101,21 @@ def test_saturated_plane_and_grey_picture(pictures, labcdp):
     assert "grey.png is grey: the colours of regions need" in done.stderr
 
 
+def test_what_cannot_be_compared_costs_nothing_else(tmp_path):
+    """Flat colours without noise, and a region of four pixels: their contrasts stay."""
+    flat = np.full((40, 60, 3), (30, 90, 60), np.uint8)
+    flat[:, 30:] = 200, 40, 40
+    assert cv2.imwrite(str(tmp_path / "flat.png"), flat)
+    regions = package.read_image(tmp_path / "flat.png", encoding="linear", no_vignetting=True).regions(
+        {"left": (2, 2, 20, 20), "right": (35, 2, 20, 20), "small": (35, 30, 2, 2)}
+    )
+    colours = regions.colour_separation()
+    assert np.isnan(colours["colour_distance"]).all()
+    assert "no noise of their own" in str(colours.attrs)
+    assert "region 'small' has 4 pixels of 3 planes" in str(colours.attrs)
+    assert np.isfinite(regions.cdp(0.5)["cdp"]).all()
+
+
 def test_ellipse_holds_95_percent_of_a_million_draws():
     mean, covariance = np.array((0.4, 0.3)), np.array([[4e-4, 1.5e-4], [1.5e-4, 1e-4]])
     assert pytest.approx(chi2.ppf(0.95, 2), rel=1e-12) == ELLIPSE_95**2

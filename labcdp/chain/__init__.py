@@ -5,6 +5,7 @@ from .chain import Chain, ChainRun
 from .hdr import Hdr
 from .imaging import ImagingChain
 from .isp import PiecewiseLinear, ToneCurve
+from .lamp import PredictedFlicker, PulsedLamp
 from .optics import Optics, Windscreen
 from .predict.camera import CameraModel
 from .registry import preset_names, preset_text, register
@@ -51,6 +52,8 @@ __all__ = [
     "PatchScene",
     "Photodiode",
     "PiecewiseLinear",
+    "PredictedFlicker",
+    "PulsedLamp",
     "RegionSpectrum",
     "Scene",
     "Sensor",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -178,6 +179,72 @@ class Video:
             _selection(start, stop, every),
         )
 
+    def flicker(
+        self,
+        regions: Regions,
+        method: str = "follow",
+        *,
+        off_frames: tuple[int, int] | None = None,
+        threshold: float = 0.1,
+        tolerance: float = 0.1,
+        frequency_hz: float | None = None,
+        start: int | str = 0,
+        stop: int | str | None = None,
+        every: int | str = 1,
+        progress: Progress | None = None,
+    ) -> Dataset:
+        """Evaluate how the light of regions flickers from frame to frame, as of pulsed lamps.
+
+        Parameters
+        ----------
+        regions, method, start, stop, every
+            As for `track`.
+        off_frames : (int, int) or None
+            First frame with the lamp off, and the one before which such frames end; they give the light without it.
+        threshold, tolerance, frequency_hz
+            As for `labcdp.flicker`.
+        progress : callable or None
+            Called after each frame.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``fmi``, ``fdi`` and ``mmp`` over region, each with ``u_...``, ``..._low`` and ``..._high`` (95 %), the
+            phases and the beat; and ``mean`` over frame and region, nan where a region is lost, saturated or black.
+
+        Raises
+        ------
+        InputError
+            If an argument cannot be used, or no region has a value in any frame.
+
+        Examples
+        --------
+        >>> import labcdp
+        >>> from labcdp.session import example_session
+        >>> video = labcdp.open_video(example_session())
+        >>> lamp = labcdp.Roi.rectangle("lamp", 100, 100, 40, 40)
+        >>> flicker = video.flicker([lamp], "fixed")
+        >>> flicker.sizes["frame"], bool(flicker["few_phases"][0])
+        (6, True)
+        """
+        from ..evaluate.flicker.page import evaluate_flicker
+        from ..evaluate.flicker.settings import FlickerSettings
+
+        height, width = self.shape
+        with self._light() as light:
+            settings = FlickerSettings(
+                rois=as_rois(regions, (width, height)),
+                method=as_text(method, "method"),
+                selection=_selection(start, stop, every),
+                off_frames=off_frames,
+                threshold=threshold,
+                tolerance=tolerance,
+                frequency_hz=frequency_hz,
+                **light,
+            )
+            dataset, _ = evaluate_flicker(self.path, settings, progress=progress)
+        return described(dataset, dataset.attrs["unit"])
+
     def cdp_neighbours(
         self,
         contrasts: Contrasts,
@@ -223,20 +290,22 @@ class Video:
         LabcdpError
             If there are none at all.
         """
+        with self._light() as light:
+            results = evaluate_parts(self.path, [replace(setting, **light) for setting in settings], progress=progress)
+        if all(isinstance(part, LabcdpError) for part in results):
+            raise next(part for part in results if isinstance(part, LabcdpError))
+        return results
+
+    @contextmanager
+    def _light(self) -> Iterator[dict[str, Any]]:
+        """Give the settings of the conversion to luminance; a calibration that is no file becomes one for the time."""
         with TemporaryDirectory(prefix="labcdp-") as folder:
             calibration = self.calibration
             if isinstance(calibration, Calibration | ColourCalibration):
                 save(calibration, Path(folder) / "calibration.json")
                 calibration = Path(folder) / "calibration.json"
-            light = {
-                "calibration": None if calibration is None else Path(calibration),
-                "camera": self.camera_spec,
-                **self.stated,
-            }
-            results = evaluate_parts(self.path, [replace(setting, **light) for setting in settings], progress=progress)
-        if all(isinstance(part, LabcdpError) for part in results):
-            raise next(part for part in results if isinstance(part, LabcdpError))
-        return results
+            path = None if calibration is None else Path(calibration)
+            yield {"calibration": path, "camera": self.camera_spec, **self.stated}
 
     def __repr__(self) -> str:
         height, width = self.shape

@@ -30,6 +30,8 @@ _GRID = 8192
 #: Quantiles of a normal distribution, by which the noise of simulated recordings differs.
 _NORMAL_QUANTILES = (-1.2816, -0.5244, 0.0, 0.5244, 1.2816)
 _NOISES = len(_NORMAL_QUANTILES)
+#: Part of the distance of frames by which times may be rounded.
+_ROUNDED = 0.2
 #: Lags of a correlation that are added up are above this many of their standard deviations.
 _SIGNIFICANT_LAG = 2.0
 #: Width of the middle quarter of a normal distribution, in standard deviations.
@@ -175,14 +177,13 @@ def flicker(
     x, times = _checked(values, times_s)
     off_light = off if isinstance(off, Quantity) else Quantity(_number(off, "off", zero=True), 0.0)
     bands = _Bands(_number(threshold, "threshold"), _number(tolerance, "tolerance"))
-    interval_s = nan if times is None or times.size < 2 else float(np.median(np.diff(times)))
+    positions, interval_s = (np.arange(x.size, dtype=np.float64), nan) if times is None else _positions(times)
     rate = None if frequency_hz is None else _rate_of(_number(frequency_hz, "frequency_hz"), interval_s)
     known = np.isfinite(x)
     signal = x[known]
     wave, low, high, mean = None, nan, nan, nan
     fmi = fdi = mmp = Quantity(nan, nan, note="no frame has a value")
     if signal.size:
-        positions = np.arange(x.size, dtype=np.float64) if times is None else (times - times[0]) / interval_s
         low, high, mean = float(signal.min()), float(signal.max()), float(signal.mean())
         measured = _Indices(*(float(index[0]) for index in bands.indices(signal[None], np.array([off_light.value]))))
         wave = find_wave(positions[known], signal, rate)
@@ -193,6 +194,22 @@ def flicker(
         fmi, fdi, mmp, high, low, mean, x.size, signal.size, off_light.value, *bands, wave=wave,
         frame_interval_s=interval_s,
     )  # fmt: skip
+
+
+def _positions(times: _Array) -> tuple[_Array, float]:
+    """Return the times of frames in their usual distance, and that distance.
+
+    Containers round times: where the distances are whole numbers of frames within that, frames are taken as regular.
+    """
+    if times.size < 2:
+        return np.zeros(times.size), nan
+    steps = np.diff(times)
+    interval_s = float(np.median(steps))
+    n_frames = np.rint(steps / interval_s)
+    if np.abs(steps / interval_s - n_frames).max() < _ROUNDED and n_frames.min() > 0:
+        positions = np.concatenate([[0.0], np.cumsum(n_frames)])
+        return positions, float((times[-1] - times[0]) / positions[-1])
+    return (times - times[0]) / interval_s, interval_s
 
 
 def _rate_of(frequency_hz: float, interval_s: float) -> float:

@@ -15,6 +15,8 @@ _Array = NDArray[np.float64]
 _BY_CHANCE = 5.0
 #: Least noise, relative to the modulation: rounding.
 _LEAST_NOISE_REL = 1e-6
+#: Share of the variance that the best trapezoid of those leaves at most, besides this many times that of the noise.
+_MOST_UNEXPLAINED, _MOST_OF_NOISE = 0.5, 2.0
 #: Ends of the trapezoid that are tried first.
 _ENDS = np.linspace(0, 0.5, 26)
 #: Usual correction of the rate, to which it stays near where the frames do not tell, as of a locked lamp.
@@ -97,6 +99,10 @@ def fit_pulse(phases: _Array, times: _Array, values: _Array, noise: _Array) -> P
     """
     from scipy.optimize import least_squares
 
+    start, unexplained = _start(phases, times, values)
+    # The start explains all but the noise, and what its coarse steps leave.
+    if unexplained > _MOST_UNEXPLAINED + _MOST_OF_NOISE * float((noise**2).mean() / values.var()):
+        return None
     modulation = float(np.ptp(values))
     weight = 1 / np.maximum(noise, _LEAST_NOISE_REL * modulation)
 
@@ -119,7 +125,7 @@ def fit_pulse(phases: _Array, times: _Array, values: _Array, noise: _Array) -> P
 
     steps = [_PHASE_STEP] * 3 + [_LEVEL_STEP * modulation] * 2 + [_PHASE_STEP] * 2
     limits = [-2, 0, 0, -inf, 0, -1, -0.9], [2, 0.5, 0.5, inf, inf, 1, 0.9]
-    fit = least_squares(residuals, _start(phases, values), jacobian, x_scale=steps, bounds=limits, max_nfev=_MOST_STEPS)
+    fit = least_squares(residuals, start, jacobian, x_scale=steps, bounds=limits, max_nfev=_MOST_STEPS)
     if not 2 * fit.cost / values.size < 1 + _BY_CHANCE * sqrt(2 / values.size):
         return None
     centre, top, ramp, low, span, rate, drift = fit.x.tolist()
@@ -133,8 +139,11 @@ def _trapezoid(phases: _Array, centre: float, top: _Array | float, base: _Array 
     return np.clip((base - distance) / np.maximum(np.asarray(base) - top, 1e-9), 0, 1)
 
 
-def _start(phases: _Array, values: _Array) -> list[float]:
-    """Return the best of some trapezoids about the centre of the light."""
+def _start(phases: _Array, times: _Array, values: _Array) -> tuple[list[float], float]:
+    """Return the best of some trapezoids about the centre of the light, and the share of the variance it leaves.
+
+    A linear drift of the light is explained, too.
+    """
     moment = np.sum((values - values.min()) * np.exp(2j * np.pi * phases))
     centre = float(np.angle(moment) / (2 * np.pi))
     tops, bases = (ends.ravel() for ends in np.meshgrid(_ENDS, _ENDS, indexing="ij"))
@@ -145,4 +154,8 @@ def _start(phases: _Array, values: _Array) -> list[float]:
     best = int(np.argmax(covariances**2 / variances))
     span = max(float(covariances[best] / variances[best]), 1e-9 * float(np.ptp(values)))
     top, base = float(tops[best, 0]), float(bases[best, 0])
-    return [centre, top, base - top, float(values.mean() - span * means[best]), span, 0.0, 0.0]
+    low = float(values.mean() - span * means[best])
+    light = low + span * shapes[best]
+    rest, late = values - light, light * times
+    rest = rest - late * float(rest @ late) / float(late @ late)
+    return [centre, top, base - top, low, span, 0.0, 0.0], float(rest.var() / values.var())

@@ -248,3 +248,20 @@ def test_several_videos_are_judged_together(labcdp, seen, tmp_path):
     values = results_of(labcdp(*command, "--require", "requirement.toml"), 3)
     rows = values["tables"]["requirement"]["rows"]
     assert [(row["video"], row["verdict"]) for row in rows] == [("a", "not met"), ("b", "not met")]
+
+
+def test_the_flicker_of_a_video(labcdp, drive):
+    command = ("video", drive, "--roi", "rois.json", "--flicker", "--method", "fixed")
+    done = labcdp(*command, "--off-frames", "0:2", "--flicker-tolerance", "5%", "--json")
+    rows = rows_of(done, "flicker")
+    assert [row["region"] for row in rows] == ["sign", "ground"]
+    assert rows[0]["n_evaluated"] == 4
+    assert (drive.parent / "drive-video" / "report.html").exists()
+    for more, why in (
+        (("--flicker", "--pair", "sign:ground"), "--flicker compares no regions: leave --pair out"),
+        (("--off-frames", "0:2"), "need --flicker"),
+        (("--flicker", "--off-frames", "x"), "--off-frames is 'x': give first frame and the one after the last"),
+    ):
+        done = labcdp("video", drive, "--roi", "rois.json", *more, "-o", "none")
+        assert done.returncode == 1
+        assert why in " ".join(done.stderr.split())

@@ -96,8 +96,60 @@ class MadeOptions:
     frames: bool = False
 
 
+def _frame_range(text: str, name: str) -> tuple[int, int]:
+    """Return the first frame of a range and the one before which it ends; raises InputError."""
+    first, colon, stop = text.partition(":")
+    if not (colon and first.strip().isdecimal() and stop.strip().isdecimal()):
+        raise InputError(f"{name} is {shown(text)}: give first frame and the one after the last, for example 0:25")
+    return int(first), int(stop)
+
+
+def _hertz(text: str, name: str) -> float:
+    """Return a frequency in Hz; raises InputError."""
+    try:
+        return float(text.removesuffix("Hz"))
+    except ValueError:
+        raise InputError(f"{name} is {shown(text)}: give a frequency, for example 90Hz") from None
+
+
+@dataclass(frozen=True)
+class FlickerOptions:
+    """Options of the flicker of lamps.
+
+    Parameters
+    ----------
+    flicker
+        Evaluate how the light of each region flickers from frame to frame instead of CDP: FMI, MMP and FDI.
+    off_frames
+        Frames with the lamp off, for example 0:25, which give the light without it for the FDI.
+    flicker_threshold
+        Excess over that light from which a frame shows the lamp, for the FDI; default: 10%.
+    flicker_tolerance
+        Deviation from the mean up to which a frame is not modulated, for the MMP; default: 10%.
+    lamp_frequency
+        Frequency of the lamp, for example 90Hz: it tells a lamp that is locked to the frames from a steady one.
+    """
+
+    flicker: bool = False
+    off_frames: Annotated[tuple[int, int] | None, As(parse=_frame_range)] = None
+    flicker_threshold: Annotated[float | None, As(parse=fraction_of_percent)] = None
+    flicker_tolerance: Annotated[float | None, As(parse=fraction_of_percent)] = None
+    lamp_frequency: Annotated[float | None, As(parse=_hertz)] = None
+
+    def given(self) -> dict[str, Any]:
+        """Return what is given besides `flicker`, by the names of `FlickerSettings`."""
+        values = {
+            "off_frames": self.off_frames,
+            "threshold": self.flicker_threshold,
+            "tolerance": self.flicker_tolerance,
+            "frequency_hz": self.lamp_frequency,
+        }
+        return {name: value for name, value in values.items() if value is not None}
+
+
 def video(
     chosen: VideoPairOptions,
+    flicker: FlickerOptions,
     light: LightOptions,
     frames: FrameOptions,
     made: MadeOptions,
@@ -111,7 +163,8 @@ def video(
     measured in the first frame is used. Without calibration and camera specification, luminance is relative, and
     contrasts of regions at different places include the lens's vignetting. Writes a page with a plot over time, a
     spreadsheet and NetCDF. The same command resumes an interrupted evaluation. Several videos are evaluated on all
-    cores, several pairs of a video in one pass.
+    cores, several pairs of a video in one pass. With --flicker the flicker of lamps in the regions is
+    evaluated instead.
 
     Example: labcdp video drive.mp4 --roi rois.json --contrast 10%:200%:20 --reference 1000%
 
@@ -121,6 +174,11 @@ def video(
         Video files, folders of numbered images, recorded sessions; or a folder of video files.
     """
     require_kind(files, _no_video)
+    if flicker.flicker:
+        _flicker(chosen, flicker, light, frames, made, where, results, files)
+        return
+    if flicker.given():
+        raise InputError("frames with the lamp off, limits of flicker and the frequency of the lamp need --flicker")
     named, pairs, image_size = _regions(chosen)
     common = _common(chosen, light, frames, image_size)
 
@@ -149,6 +207,56 @@ def video(
         return
     folder = results.folder(files[0] if len(files) == 1 else "videos", resume=True)
     _several(paths, settings, of_pairs, folder, made, where, results)
+
+
+def _flicker(
+    chosen: VideoPairOptions,
+    flicker: FlickerOptions,
+    light: LightOptions,
+    frames: FrameOptions,
+    made: MadeOptions,
+    where: ClusterOptions,
+    results: Results,
+    files: Sequence[Path],
+) -> None:
+    """Evaluate the flicker of regions of a video."""
+    from ...evaluate.flicker.page import evaluate_flicker, write_flicker
+    from ...evaluate.flicker.settings import FlickerSettings
+
+    others = {
+        "--pair": chosen.pair, "--neighbours": chosen.neighbours, "--contrast": chosen.contrast,
+        "--epsilon": chosen.epsilon, "--cdp-limit": chosen.cdp_limit, "--require": chosen.require,
+        "--reference": chosen.reference, "--annotated": made.annotated, "--frames": made.frames,
+        "--cluster": where.cluster,
+    }  # fmt: skip
+    given = [name for name, value in others.items() if value]
+    if given:
+        raise InputError(f"--flicker compares no regions: leave {', '.join(given)} out")
+    paths = _paths(files)
+    if len(paths) > 1:
+        raise InputError(f"--flicker takes one video, and {len(paths)} are given: evaluate them one after the other")
+    rois, image_size, _ = read_regions(chosen)
+    settings = FlickerSettings(
+        rois=rois,
+        method=chosen.method,
+        image_size=image_size,
+        selection=frames.selection(),
+        damaged=frames.damaged,
+        calibration=light.calibration,
+        camera=light.camera_spec,
+        encoding=light.encoding,
+        **flicker.given(),
+        **light.stated(),
+    )
+    folder = results.folder(paths[0])
+    with folder, progress_bars() as bars:
+
+        def progress(done: int, total: int | None) -> None:
+            bars.set("Frames", done, done if total is None else total)
+
+        dataset, regions = evaluate_flicker(paths[0], settings, folder, progress=progress)
+        result = write_flicker(dataset, regions, folder)
+    results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
 
 
 def _regions(

@@ -125,7 +125,7 @@ def evaluate_parts(
     InputError, CalibrationError
         As `evaluate_video`, if there are no results at all.
     """
-    source, converter = _opened(path, settings[0])
+    source, converter = opened_for(path, settings[0])
     together = sorted({roi.name for part_settings in settings for roi in part_settings.rois})
     with ExitStack() as stack:
         parts = []
@@ -152,8 +152,8 @@ def _dataset_or_error(source: VideoSource, converter: Converter, part: PartRun) 
         return error
 
 
-def _opened(path: str | Path, settings: VideoSettings) -> tuple[VideoSource, Converter]:
-    """Open a video, with the conversion of its frames."""
+def opened_for(path: str | Path, settings: VideoSettings) -> tuple[VideoSource, Converter]:
+    """Open a video, with the conversion of its frames that settings state; raises InputError."""
     if not isinstance(path, str | Path):
         raise InputError(f"the video is {shown(path)}: give the path of a file")
     converter = make_converter(settings.calibration, settings.camera, settings.encoding, **settings.stated)
@@ -275,6 +275,19 @@ def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
     """Refuse regions that cannot be those of any frame, before the first one."""
     if not settings.rois:
         return
+    require_regions_in(source, settings)
+    first, second = ((roi, roi.window(source.shape), roi.mask(source.shape)) for roi in settings.rois)
+    require_apart(first, second)
+
+
+def require_regions_in(source: VideoSource, settings: VideoSettings) -> None:
+    """Refuse regions that were drawn on an image of another size, lie outside the frames or hold no pixel.
+
+    Raises
+    ------
+    InputError
+        If one does.
+    """
     height, width = source.shape
     drawn_on = settings.image_size
     if drawn_on is not None and drawn_on != (width, height):
@@ -282,8 +295,9 @@ def _require_regions(source: VideoSource, settings: VideoSettings) -> None:
             f"the regions were drawn on an image of {drawn_on[0]} x {drawn_on[1]} pixels, {source.path} has {width} x "
             f"{height}: draw them in its first frame"
         )
-    first, second = ((roi, roi.window(source.shape), roi.mask(source.shape)) for roi in settings.rois)
-    require_apart(first, second)
+    for roi in settings.rois:
+        roi.window(source.shape)
+        roi.mask(source.shape)
 
 
 def converter_findings(

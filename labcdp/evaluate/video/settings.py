@@ -125,13 +125,17 @@ class VideoSettings:
             checked_contrast(contrast, self.epsilon)
         if self.contrasts is not None and len(set(self.contrasts)) != len(self.contrasts):
             raise InputError("a contrast is given twice: give each once")
-        if len(self.rois) not in (0, 2):
-            raise InputError(f"{len(self.rois)} regions are given: give two, or none for nearest-neighbour CDP")
+        self._check_number()
         methods_of(self.method, [roi.name for roi in self.rois])
         if self.reference is not None and not self.rois:
             raise InputError("a reference contrast needs regions: give two, or give the contrast itself")
         if isinstance(self.reference, float):
             checked_contrast(self.reference, self.epsilon)
+
+    def _check_number(self) -> None:
+        """Refuse a number of regions that cannot be evaluated."""
+        if len(self.rois) not in (0, 2):
+            raise InputError(f"{len(self.rois)} regions are given: give two, or none for nearest-neighbour CDP")
 
     def _hold_path(self, name: str) -> None:
         given = getattr(self, name)

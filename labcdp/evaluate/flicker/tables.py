@@ -9,7 +9,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from ...core.result import InputFile, Result, unique
-from ...core.table import Column, Table, Value, uncertain, variables_of, with_interval
+from ...core.table import Column, Table, uncertain, variables_of, with_interval
 from ..video.dataset import NOTE, TIME, as_json, recorded, restored
 from ..video.findings import frame_tables
 from .measure import RegionFlicker, flicker_findings
@@ -109,7 +109,7 @@ def frame_sheet(dataset: Dataset) -> Table:
     """Return the light of all regions, one row per frame."""
     frame = Column("frame", "frame", meaning="Number in the video, from 0.", decimals=0)
     columns: list[Column] = [frame, TIME]
-    data: dict[str, Sequence[Value]] = {"frame": dataset["frame"].values, TIME.name: dataset["time_s"].values}
+    data: dict[str, Any] = {"frame": dataset["frame"].values, TIME.name: dataset["time_s"].values}
     for index, name in enumerate(map(str, dataset["region"].values)):
         for column in FRAME_COLUMNS:
             unit = unit_of(dataset) if column.name == "mean" else column.unit

@@ -182,7 +182,7 @@ class PulsedLamp(Parameters):
                 f"noise_rel is {noise_rel:g}, row_time_s {row_time_s:g}, n_rows {n_rows}, threshold {threshold:g}, "
                 f"tolerance {tolerance:g}: give noise and row time from 0 on, a row or more, and limits above 0"
             )
-        phases, light = self._corners(captures, np.arange(n_rows) * (row_time_s * self.frequency_hz))
+        phases, light = self._corners(captures, np.arange(n_rows, dtype=np.float64) * (row_time_s * self.frequency_hz))
         mean, off = self.mean_level, self.off_level
         distribution = _Distribution(np.diff(phases), light[:-1], light[1:], noise_rel * mean)
         even = distribution.below(mean * (1 + tolerance)) - distribution.below(mean * (1 - tolerance))
@@ -190,7 +190,7 @@ class PulsedLamp(Parameters):
         highest, lowest = float(light.max()), float(light.min())
         return PredictedFlicker((highest - lowest) / (highest + lowest), on, even, highest, lowest, mean)
 
-    def _corners(self, captures: Sequence[_Capture], late: _Array) -> tuple[_Array, _Array]:
+    def _corners(self, captures: Sequence[_Capture], late: NDArray[np.floating[Any]]) -> tuple[_Array, _Array]:
         """Phases from 0 to 1 between which the light of a frame is linear, and that light in them."""
         starts = [late + capture.start_s * self.frequency_hz for capture in captures]
         edges = [

@@ -26,6 +26,8 @@ def probabilities() -> float:
     red, green = (rng.normal(mean, 5, (100, 3)) for mean in ((60, 50, 50), (50, 60, 50)))
     separation: labcdp.metrics.ColourSeparation = labcdp.colour_separation(red, green)
     assert separation.distance.value > 2
+    y, x = np.mgrid[:60, :60]
+    assert labcdp.sfr(10 + 90 * np.clip(x - 33 + 0.1 * y, 0, 1)).mtf50.value > 0.1
     assert float(matrix.cdp.sel(bright="bright", dark="dark")) == one.cdp
     return number + float(array.sum()) + float(neighbours.cdp.mean())
 
@@ -66,6 +68,9 @@ def pictures(path: Path, regions: Path) -> xr.Dataset:
 
 def videos(path: Path, regions: Path) -> xr.Dataset:
     video: labcdp.Video = labcdp.open_video(path)
+    lamps: xr.Dataset = video.flicker(regions, "fixed", stop=2)
+    lamp: labcdp.Flicker = labcdp.flicker(lamps["mean"].values[:, 0], off=0.01, threshold=0.2)
+    assert lamp.fmi.value == float(lamps["fmi"][0])
     return video.track(regions, method="fixed", stop=2).cdp([1, 10])
 
 

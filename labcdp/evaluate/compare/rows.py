@@ -54,6 +54,7 @@ def _session(subject: Subject) -> Iterator[Named]:
     provenance = {row["item"]: row["value"] for row in tables["provenance"]["rows"]}
     frames = "frames", provenance["SHA-256 of frames and readings"]
     calibration = "calibration", provenance["SHA-256 of those of the calibration"]
+    yield from _ranges_and_colours(tables, None, frames)
     for row in tables["contrasts"]["rows"]:
         text = f"CDP of {row['pair']} at {_percent(row['target_contrast'])}, ε {_percent(row['epsilon'])}"
         yield _cdp(text, row, frames, calibration)
@@ -70,6 +71,8 @@ def _picture(subject: Subject) -> Iterator[Named]:
     (camera,) = (row["camera"] for row in tables["pictures"]["rows"] if row["number"] == number)
     calibration = ("calibration", calibrations[0]) if calibrations else ("vignetting", camera or "of the lens")
     picture = "picture", sha256
+    (file,) = (row["picture"] for row in tables["pictures"]["rows"] if row["number"] == number)
+    yield from _ranges_and_colours(tables, file, picture)
     rows = [row for row in tables["cdp"]["rows"] if row["number"] == number]
     for row in rows:
         measured = row["contrast_origin"] == "measured"
@@ -86,6 +89,25 @@ def _picture(subject: Subject) -> Iterator[Named]:
             None if is_bound else row[name] for name in ("measured_contrast", "expanded_measured_contrast")
         )
         yield _symmetric(f"contrast of {row['pair']}", "%", value, expanded, parts)
+
+
+def _ranges_and_colours(tables: Mapping[str, Any], file: str | None, pixels: Source) -> Iterator[Named]:
+    """Yield dynamic ranges of a chart, and what is said of colours, where there are; of a picture among several."""
+
+    def rows(table: str) -> Iterator[Mapping[str, Any]]:
+        yield from (row for row in tables.get(table, {"rows": ()})["rows"] if file is None or row["picture"] == file)
+
+    for row in rows("dynamic_range"):
+        # A range that ends with the chart is a bound, which nothing is compared with.
+        known = not row["range_stops_bound"]
+        value, expanded = (row[name] if known else None for name in ("range_stops", "expanded_range_stops"))
+        text = f"dynamic range, {row['figure']} ≥ {row['limit']:g}"
+        yield _symmetric(text, "stops", value, expanded, {pixels: 1.0})
+    for row in rows("colour_separation"):
+        for name, label in (("distance", "colour distance"), ("csp", "CSP"), ("detected", "pairs detected")):
+            value, low, high = (_number(row[key]) for key in (name, f"{name}_low", f"{name}_high"))
+            text = f"{label} of {row['pair']}"
+            yield Named(value, value - low, high - value, {pixels: 1.0}, (), text, "", name != "distance")
 
 
 def _characterisation(subject: Subject) -> Iterator[Named]:

@@ -251,3 +251,23 @@ def test_the_target_of_a_session_is_a_chart_with_the_readings_as_its_values(eval
     written = session_files(whole, result)
     assert {"dynamic_range", "cdp matrix"} <= {table.name for table in result.tables}
     assert b"Dynamic range" in written["report.html"]
+
+
+def test_compare_takes_charts(labcdp, tmp_path, chart_path):
+    make_picture(tmp_path / "chart.tif")
+    make_picture(tmp_path / "veiled.tif", seed=9, glare_e=60.0)
+    ranges = []
+    for name in ("chart", "veiled"):
+        done = labcdp(
+            "image", f"{name}.tif", "--chart", str(chart_path), "--corners", corners_text(CORNERS), "--bit-depth", "12",
+            "--black-level", str(BLACK_DN), "--no-vignetting", "--no-pages", "--output", name,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        rows = json.loads((tmp_path / name / "results.json").read_text())["tables"]["dynamic_range"]["rows"]
+        ranges.append({(row["figure"], row["limit"]): row["range_stops"] for row in rows})
+    compared = package.compare(tmp_path / "chart", tmp_path / "veiled").to_dict()["tables"]["differences"]["rows"]
+    rows = {row["quantity"]: row for row in compared}
+    expected = ranges[1]["CNR", 1] - ranges[0]["CNR", 1]
+    assert rows["dynamic range, CNR ≥ 1"]["difference"] == pytest.approx(expected, rel=1e-9)
+    # A range that ends with the chart is a bound.
+    assert rows["dynamic range, SNR ≥ 1"]["difference"] is None

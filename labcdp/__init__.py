@@ -3,6 +3,7 @@
 - `cdp`, `cdp_matrix`, `cdp_neighbours`: contrast detection probability (CDP) of pixels
 - `colour_separation`: how well a camera tells two colours apart
 - `sfr`: sharpness at slanted edges
+- `flare`: stray light beside a source
 - `read_image`, `open_video`: pictures and videos, with regions, as luminance
 - `Session`: recorded bench sessions, their calibration and evaluation
 - `Chain`: the simulated imaging chain, runs and sweeps
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
     from .metrics import cdp_matrix as cdp_matrix
     from .metrics import cdp_neighbours as cdp_neighbours
     from .metrics import colour_separation as colour_separation
+    from .metrics import flare as flare
     from .metrics import flicker as flicker
     from .metrics import sfr as sfr
 
@@ -77,6 +79,7 @@ _HOME = {
     "colour_separation": "metrics",
     "compare": "api.compare",
     "flicker": "metrics",
+    "flare": "metrics",
     "open_video": "api.video",
     "read_dataset": "api.accessor",
     "read_image": "api.picture",

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from .modulation import Flicker, flicker
     from .ranges import DynamicRange, dynamic_range
     from .slanted_edge import EdgeSfr, Sfr, lens_mtf, mean_sfr, sfr
+    from .stray_light import Flare, StrayLight, flare
 
 __all__ = [
     "Cdp",
@@ -35,9 +36,11 @@ __all__ = [
     "DynamicRange",
     "EdgeSfr",
     "Epsilon",
+    "Flare",
     "Flicker",
     "Region",
     "Sfr",
+    "StrayLight",
     "cdp",
     "cdp_matrix",
     "cdp_neighbours",
@@ -48,6 +51,7 @@ __all__ = [
     "csnr",
     "d_prime",
     "dynamic_range",
+    "flare",
     "flicker",
     "lens_mtf",
     "mean_sfr",
@@ -67,10 +71,13 @@ _LAZY = {
     "DynamicRange": "ranges",
     "EdgeSfr": "slanted_edge",
     "Flicker": "modulation",
+    "Flare": "stray_light",
     "Sfr": "slanted_edge",
+    "StrayLight": "stray_light",
     "colour_separation": "colour",
     "dynamic_range": "ranges",
     "flicker": "modulation",
+    "flare": "stray_light",
     "lens_mtf": "slanted_edge",
     "mean_sfr": "slanted_edge",
     "sfr": "slanted_edge",

@@ -196,6 +196,7 @@ _GROUPS = {
         "image": "pictures.image",
         "image-map": "pictures.image_map",
         "sfr": "pictures.sfr",
+        "flare": "pictures.flare",
         "video": "pictures.video",
     },
     "Simulation": {

@@ -65,6 +65,11 @@ def parse_length(text: str, name: str) -> float:
     return _with_unit(text, name, _LENGTHS, "mm or um, for example 6mm or 3.45um")
 
 
+def parse_illuminance(text: str, name: str) -> float:
+    """Turn ``1.2klx`` into 1200; raises InputError if it is not a number above 0 with lx or klx."""
+    return _with_unit(text, name, {"klx": 1e3, "lx": 1.0}, "lx or klx, for example 1200lx")
+
+
 def _with_unit(text: str, name: str, units: Mapping[str, float], allowed: str) -> float:
     unit = next((unit for unit in units if text.endswith(unit)), "")
     with suppress(ValueError):

@@ -86,6 +86,8 @@ class Flare:
         Side of a block in pixels of the image.
     worst_px : (float, float)
         Middle (x, y) of the block with the most stray light.
+    over_ring : ndarray of float, shape (rows, columns)
+        Light of each block over that of the rings at its pixels; a ghost has much more than 1.
     saturated_share : float
         Share of the pixels beside the source that are saturated, whose light is a bound only.
 
@@ -108,6 +110,7 @@ class Flare:
     radius_px: _Array
     block_px: int
     worst_px: tuple[float, float]
+    over_ring: _Array
     saturated_share: float
 
 
@@ -189,9 +192,10 @@ def flare(
     saturated = float(np.mean((picture.invalid[places.usable] & Invalid.SATURATED) > 0))
     step = picture.step
     x_px, y_px = places.block_middle(worst)
+    over_ring = stray.blocks.value / places.block_means(_at_radius(places, means[1].value)).reshape(places.block_shape)
     return Flare(
         stray, intensity, normalised, (step * places.centre[0], step * places.centre[1]), step * places.ring_radius,
-        step * places.side, (step * x_px, step * y_px), saturated,
+        step * places.side, (step * x_px, step * y_px), over_ring, saturated,
     )  # fmt: skip
 
 
@@ -257,7 +261,7 @@ class _Places:
     def radius(self) -> _Array:
         """Distance of each pixel from the middle of the source."""
         y, x = (np.arange(size) + 0.5 for size in self.usable.shape)
-        radius: _Array = np.hypot(x - self.centre[0], y[:, None] - self.centre[1])
+        radius: _Array = np.maximum(np.hypot(x - self.centre[0], y[:, None] - self.centre[1]), 0.1)
         return radius
 
     @cached_property
@@ -298,6 +302,13 @@ class _Places:
         free: NDArray[np.bool_] = np.bincount(self.block[self.usable], minlength=size.size) >= _LEAST_SHARE * size
         return free
 
+    def block_means(self, values: _Array) -> _Array:
+        """Mean of the usable pixels of each block, shape (blocks,); nan without any."""
+        at, n_blocks = self.block[self.usable], int(self.block.max()) + 1
+        with np.errstate(invalid="ignore"):
+            means: _Array = np.bincount(at, values[self.usable], n_blocks) / np.bincount(at, minlength=n_blocks)
+        return means
+
     def block_middle(self, number: int) -> tuple[float, float]:
         """Middle (x, y) of a block."""
         row, column = divmod(number, self.block_shape[1])
@@ -311,6 +322,15 @@ class _Places:
     def groups(self) -> list[NDArray[np.intp]]:
         """Number of the group of each pixel, -1 for none: all pixels as one, rings, and blocks."""
         return [np.where(self.usable, group, -1) for group in (0, self.ring, self.block)]
+
+
+def _at_radius(places: _Places, profile: _Array) -> _Array:
+    """Profile at the radius of each pixel; nan where it is not above 0, as between a ring of noise and others."""
+    lit = profile > 0
+    if not lit.any():
+        return np.full(places.radius.shape, nan)
+    # A straight line in logarithms, as the profiles of most lenses nearly are.
+    return np.exp(np.interp(np.log(places.radius), np.log(places.ring_radius[lit]), np.log(profile[lit])))
 
 
 def _stray_light(means: Sequence[_Means], places: _Places, worst: int, unit: str) -> StrayLight:

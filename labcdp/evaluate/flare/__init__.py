@@ -1,0 +1,1 @@
+"""Flare: stray light of a camera beside a source, in one or several pictures."""

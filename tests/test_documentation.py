@@ -186,6 +186,9 @@ def reader(tmp_path_factory):
         (folder / name).parent.mkdir(exist_ok=True)
         cv2.imwrite(str(folder / f"{name}.png"), shown[name in ("after", "drive/2")])
     shutil.copy(session.path / recorded[0].file.name, folder / "frame.tif")
+    darkest = min(session.frames("light"), key=lambda one: one.exposure_s)
+    for name, one in (("lamp-1", darkest), ("lamp-2", recorded[0]), ("direct", darkest)):
+        shutil.copy(session.path / one.file.name, folder / f"{name}.tif")
     (folder / "archive").mkdir()
     for name in ("drive.mp4", "archive/a.mp4", "archive/b.mp4", "checkerboard.avi"):
         code = "mp4v" if "mp4" in name else "MJPG"
@@ -197,6 +200,7 @@ def reader(tmp_path_factory):
     cv2.imwrite(str(folder / "board.png"), board.astype(np.uint8))
     white, grey = RectangleShape("white", 160, 120, 60, 60), RectangleShape("grey", 260, 120, 60, 60)
     save_regions(folder / "rois.json", [white, grey], image_size=(480, 400))
+    save_regions(folder / "lamp.json", [RectangleShape("lamp", 160, 120, 60, 60)], image_size=(480, 400))
     for number in (1, 2):
         make_picture(folder / f"chart-{number}.tif", seed=number)
     light = np.full((400, 480), 400.0)

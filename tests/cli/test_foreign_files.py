@@ -25,6 +25,7 @@ FOLDERS = {
     "image": ["a.png", "--roi", "rois.json"],
     "image-map": ["a.png", "--region-size", "10"],
     "sfr": ["a.png", "--roi", "rois.json"],
+    "flare": ["a.png", "--source", "rois.json"],
     "video": ["a.avi", "--roi", "rois.json", "--method", "fixed", "--annotated", "--frames"],
     "simulate": ["small.toml"],
     "sweep": ["small.toml", "--exact", "--over", "scene.contrast=0.2,0.5"],

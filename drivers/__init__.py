@@ -13,6 +13,7 @@ from .minolta.meter import SerialMeter, find_meter_ports
 from .minolta.models import DRIVERS
 from .minolta.program import MinoltaCS150, MinoltaCS160, MinoltaLS150, MinoltaLS160
 from .replay import ReplayCamera, ReplayMeter
+from .shutter import SerialShutter, Shutter, ShutterError
 
 __all__ = [
     "AravisCamera",
@@ -31,6 +32,9 @@ __all__ = [
     "MinoltaLS160",
     "ReplayCamera",
     "ReplayMeter",
+    "SerialShutter",
+    "Shutter",
+    "ShutterError",
     "discover",
     "find_meter_ports",
     "open_camera",

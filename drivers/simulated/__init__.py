@@ -6,6 +6,7 @@ from .gige_camera import SimulatedDevice, SimulatedGigECamera
 from .in_process import InProcessCamera
 from .meter import SimulatedLS
 from .pty import PtyMeter
+from .shutter import SimulatedShutter
 
 __all__ = [
     "InProcessCamera",
@@ -16,4 +17,5 @@ __all__ = [
     "SimulatedDevices",
     "SimulatedGigECamera",
     "SimulatedLS",
+    "SimulatedShutter",
 ]

@@ -3,7 +3,7 @@
 from .checks import CheckFinding
 from .control import AcquisitionStoppedError, Announced, Control, Progress
 from .live import LiveStatistics, PatchNumbers
-from .operator import AskedOperator, HandNeededError, Operator, Unattended
+from .operator import AskedOperator, HandNeededError, Operator, ShutterOperator, Unattended
 from .plan import forget, remaining, repeated_units
 from .run import Left, acquire, is_complete
 
@@ -19,6 +19,7 @@ __all__ = [
     "Operator",
     "PatchNumbers",
     "Progress",
+    "ShutterOperator",
     "Unattended",
     "acquire",
     "forget",

@@ -7,6 +7,7 @@ from contextlib import suppress
 from typing import Literal, Protocol
 
 from ..core.errors import DeviceError
+from ..drivers.shutter import Shutter
 from .checks import CheckFinding
 
 
@@ -85,6 +86,50 @@ class AskedOperator:
         self.request(step, *patch)
         if self._hands is not None:
             getattr(self._hands, name)(*patch)
+
+
+class ShutterOperator:
+    """An operator whose dark frames a shutter or lamp makes: no hand covers the lens.
+
+    Parameters
+    ----------
+    shutter : Shutter
+        Open. It is set to 0 for dark frames and to 1 for all others.
+    other : Operator
+        Performs the other steps.
+
+    Examples
+    --------
+    >>> from labcdp.acquire import ShutterOperator, Unattended
+    >>> from labcdp.drivers.simulated.shutter import SimulatedShutter
+    >>> operator = ShutterOperator(SimulatedShutter(print), Unattended())
+    >>> operator.cover_lens()
+    0.0
+    """
+
+    def __init__(self, shutter: Shutter, other: Operator) -> None:
+        self._shutter = shutter
+        self._other = other
+
+    def cover_lens(self) -> None:
+        """Make it dark; raises ShutterError."""
+        self._shutter.set(0.0)
+
+    def uncover_lens(self) -> None:
+        """Let all light through; raises ShutterError."""
+        self._shutter.set(1.0)
+
+    def point_meter(self, patch: str) -> None:
+        """Have the meter pointed."""
+        self._other.point_meter(patch)
+
+    def show_patch(self, patch: str) -> None:
+        """Have a patch shown."""
+        self._other.show_patch(patch)
+
+    def repeat(self, what: str, findings: Sequence[CheckFinding]) -> bool:
+        """Have it decided."""
+        return self._other.repeat(what, findings)
 
 
 class HandNeededError(DeviceError):

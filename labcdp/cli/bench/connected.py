@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 
-from ...acquire import Announced, Operator, Unattended, repeated_units
+from ...acquire import Announced, Operator, ShutterOperator, Unattended, repeated_units
 from ...core.clock import Clock
 from ...core.disk import read_text
 from ...core.errors import InputError
@@ -20,6 +20,7 @@ from ...drivers.meter import Meter
 from ...drivers.minolta.models import configured_meter
 from ...drivers.minolta.port import Port
 from ...drivers.replay import ReplayCamera, ReplayMeter
+from ...drivers.shutter import SerialShutter
 from ...drivers.simulated.bench import SimulatedBench
 from ...drivers.simulated.commands import parse_schedule
 from ...drivers.simulated.control import free_loopback_address
@@ -100,8 +101,10 @@ def connected(
         opened = _simulated(session, options, clock, console)
     else:
         opened = _real(session, options, console)
-    with opened as devices:
+    with opened as devices, ExitStack() as stack:
         operator: Operator = unattended_operator or devices.operator
+        if options.shutter is not None:
+            operator = ShutterOperator(stack.enter_context(SerialShutter(options.shutter)), operator)
         # Readings from a file need no pointing.
         if isinstance(devices.meter, FileMeter):
             operator = FileMeterOperator(operator, devices.meter, session)

@@ -55,6 +55,8 @@ class DeviceOptions(BenchDevices):
         New file for the bytes exchanged with the meter.
     rehearse
         Use the simulated bench, but ask for each manual step as with devices.
+    shutter
+        Port of a shutter or lamp that makes the dark frames; default: the lens is covered by hand.
     """
 
     virtual_clock: bool = False
@@ -62,8 +64,11 @@ class DeviceOptions(BenchDevices):
     patience: NonNegative = 600.0
     transcript: Path | None = None
     rehearse: bool = False
+    shutter: str | None = None
 
     def __post_init__(self) -> None:
+        if self.simulating:
+            require_apart({"--shutter": self.shutter}, {self.simulating: True})
         simulated = {"--virtual-clock": self.virtual_clock, "--faults": self.faults}
         require_together(simulated, {"--simulated": bool(self.simulating)})
         super().__post_init__()
@@ -76,7 +81,8 @@ class DeviceOptions(BenchDevices):
     @property
     def given(self) -> bool:
         """Whether devices are named."""
-        return bool(self.simulating) or any(chosen is not None for chosen in (self.camera, self.meter, self.transcript))
+        named = self.camera, self.meter, self.transcript, self.shutter
+        return bool(self.simulating) or any(chosen is not None for chosen in named)
 
     def check(self, meter: MeterConfiguration) -> None:
         """Check the options against the configured meter, if they are for real devices; raises InputError."""

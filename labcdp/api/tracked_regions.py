@@ -57,6 +57,7 @@ class TrackedRegions:
         reference: float | Literal["first"] | PathArgument | None = None,
         reference_by: Literal["number", "time"] = "number",
         progress: Progress | None = None,
+        colours: bool = False,
     ) -> Dataset:
         """Compute the contrast detection probability of each pair, frame by frame.
 
@@ -74,6 +75,10 @@ class TrackedRegions:
             Whether its frames are matched by number or by time.
         progress : callable or None
             Called after each frame.
+        colours : bool
+            Whether to tell in each frame how well the colours of both regions can be told apart, too:
+            ``colour_distance``, ``csp`` and ``colours_detected`` with their 95 % intervals, see
+            `labcdp.colour_separation`.
 
         Returns
         -------
@@ -97,7 +102,13 @@ class TrackedRegions:
             reference = as_path(reference, "reference")
         known: Any = float(reference) if isinstance(reference, int | float) else reference
         targets = None if request.values is None else tuple(request.values)
-        common = VideoSettings(targets, epsilon=request.epsilon, reference_by=reference_by, selection=self.selection)
+        common = VideoSettings(
+            targets,
+            epsilon=request.epsilon,
+            reference_by=reference_by,
+            selection=self.selection,
+            colours=colours,
+        )
         settings = [self._settings_for(pair, common, known) for pair in self.pairs]
         results = list(zip(self.pairs, self.evaluate(settings, progress), strict=True))
         datasets = [

@@ -182,7 +182,7 @@ def near_bt709(weights: Weights) -> Weights:
     return BT709_LUMINANCE if same else weights
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=8)
 def light_tables(bits: int, encoding: Encoding, weights: Weights = BT709_LUMINANCE) -> NDArray[np.float32]:
     """Part of each DN of red, green and blue in the luminance, in 65535ths of white; shape (3, 2**bits)."""
     return np.outer(weights, 65535 * decoded_table(bits, encoding)).astype(np.float32)

@@ -73,11 +73,14 @@ class VideoPairOptions(PairOptions):
         another video, for example from a calibrated camera.
     reference_by
         Match frames of a reference video by number or time.
+    colours
+        Also tell in each frame how well the colours of the regions can be told apart.
     """
 
     method: str = "follow"
     reference: Annotated[float | Path | Literal["first"] | None, As(parse=_reference)] = None
     reference_by: Literal["number", "time"] = "number"
+    colours: bool = False
 
 
 @dataclass(frozen=True)
@@ -179,6 +182,8 @@ def video(
         return
     if flicker.given():
         raise InputError("frames with the lamp off, limits of flicker and the frequency of the lamp need --flicker")
+    if chosen.colours and chosen.roi is None:
+        raise InputError("--colours compares regions: give them with --roi")
     named, pairs, image_size = _regions(chosen)
     common = _common(chosen, light, frames, image_size)
 
@@ -226,8 +231,8 @@ def _flicker(
     others = {
         "--pair": chosen.pair, "--neighbours": chosen.neighbours, "--contrast": chosen.contrast,
         "--epsilon": chosen.epsilon, "--cdp-limit": chosen.cdp_limit, "--require": chosen.require,
-        "--reference": chosen.reference, "--annotated": made.annotated, "--frames": made.frames,
-        "--cluster": where.cluster,
+        "--reference": chosen.reference, "--colours": chosen.colours, "--annotated": made.annotated,
+        "--frames": made.frames, "--cluster": where.cluster,
     }  # fmt: skip
     given = [name for name, value in others.items() if value]
     if given:
@@ -288,6 +293,7 @@ def _common(
         **chosen.targets(),
         image_size=image_size,
         reference_by=chosen.reference_by,
+        colours=chosen.colours,
         selection=frames.selection(),
         damaged=frames.damaged,
         calibration=light.calibration,

@@ -26,6 +26,28 @@ _Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
+class SeenColours:
+    """Colours of a region, which may be too few, saturated or without noise.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    pixels : ndarray of float, shape (n, planes)
+        Values of its pixels.
+    mask : ndarray of bool, shape (height, width)
+        Where they are in its bounding box.
+    saturated_share : float
+        Share of them that are saturated in a plane.
+    """
+
+    name: str
+    pixels: _Array
+    mask: NDArray[np.bool_]
+    saturated_share: float
+
+
+@dataclass(frozen=True, eq=False)
 class Colours:
     """Linear values of the planes of a picture.
 
@@ -46,20 +68,14 @@ class Colours:
     saturated: NDArray[np.bool_]
     step: int
 
-    def region(self, roi: Roi) -> tuple[_Array, NDArray[np.bool_], float]:
-        """Return the pixels of a region, its mask in its bounding box, and the share that is saturated.
-
-        Raises
-        ------
-        InputError
-            If it lies outside the picture.
-        """
+    def region(self, roi: Roi) -> SeenColours:
+        """Return the colours of a region; raises InputError if it lies outside the picture."""
         height, width = self.saturated.shape
         roi.window((self.step * height, self.step * width))
         scaled = roi.divided(self.step)
         window, mask = scaled.window((height, width)), scaled.mask((height, width))
         pixels = np.asarray(self.values[window][mask], dtype=np.float64)
-        return pixels, mask, float(np.mean(self.saturated[window][mask]))
+        return SeenColours(roi.name, pixels, mask, float(np.mean(self.saturated[window][mask])))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,24 +150,33 @@ def measure_colours(
         If a region lies outside the picture.
     """
     regions = {roi.name: colours.region(roi) for roi in rois}
-    clouds = {name: _cloud(name, pixels) for name, (pixels, _, _) in regions.items()}
+    clouds = {name: _cloud(seen) for name, seen in regions.items()}
     axes, measured = _axes(colours.names), []
-    for names in pairs:
-        shares = [regions[name][2] for name in names]
-        saturated = max(shares) > SATURATED_SHARE
-        if saturated:
-            full = names[int(shares[1] > shares[0])]
-            result = _unknown(len(colours.names), epsilon, warning("colours-saturated", full, share=max(shares)))
-        else:
-            try:
-                first, second = (ColourRegion(name, *regions[name][:2]) for name in names)
-                result = separation(first, second, epsilon)
-            except InputError as error:
-                # Of other pairs, and of the contrast of this one, it takes nothing.
-                finding = warning("colours-not-measured", " / ".join(names), reason=str(error))
-                result = _unknown(len(colours.names), epsilon, finding)
-        measured.append(PairColours(clouds[names[0]], clouds[names[1]], axes, result, saturated))
+    for first, second in pairs:
+        result, saturated = separated([regions[first], regions[second]], len(colours.names), epsilon)
+        measured.append(PairColours(clouds[first], clouds[second], axes, result, saturated))
     return tuple(measured)
+
+
+def separated(pair: Sequence[SeenColours], planes: int, epsilon: float) -> tuple[ColourSeparation, bool]:
+    """Separate the colours of two regions; nan, with a finding, where they cannot be compared.
+
+    Returns
+    -------
+    (ColourSeparation, bool)
+        The separation, and whether a region is saturated.
+    """
+    fullest = max(pair, key=lambda seen: seen.saturated_share)
+    if fullest.saturated_share > SATURATED_SHARE:
+        finding = warning("colours-saturated", fullest.name, share=fullest.saturated_share)
+        return _unknown(planes, epsilon, finding), True
+    try:
+        first, second = (ColourRegion(seen.name, seen.pixels, seen.mask) for seen in pair)
+        return separation(first, second, epsilon), False
+    except InputError as error:
+        # Of other pairs, and of the contrast of this one, it takes nothing.
+        finding = warning("colours-not-measured", " / ".join(seen.name for seen in pair), reason=str(error))
+        return _unknown(planes, epsilon, finding), False
 
 
 def _unknown(planes: int, epsilon: float, finding: Finding) -> ColourSeparation:
@@ -167,7 +192,8 @@ def _axes(names: tuple[str, ...]) -> tuple[str, str]:
     return f"{names[0]} / ({total})", f"{names[1]} / ({total})"
 
 
-def _cloud(name: str, pixels: _Array) -> Cloud:
+def _cloud(seen: SeenColours) -> Cloud:
+    name, pixels = seen.name, seen.pixels
     values = pixels if pixels.shape[1] == 2 else chromaticity(pixels)[:, :2]
     defined = values[np.isfinite(values[:, 0])]
     if len(defined) < 2:

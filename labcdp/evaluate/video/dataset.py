@@ -40,6 +40,23 @@ REFERENCE_COLUMNS = tuple(
     if column.name != "u_cdp"
 )
 FRAME_COLUMNS = (*PAIR_COLUMNS, *REFERENCE_COLUMNS)
+#: Over frame, where colours were asked for; taken from a `ColourSeparation`.
+COLOUR_COLUMNS = tuple(
+    column
+    for name, path, label, meaning in (
+        ("colour_distance", "distance", "colour distance", "Mahalanobis distance of the colours, pooled covariance."),
+        ("csp", "csp", "CSP", "Colour separation probability, pooled covariance."),
+        ("colours_detected", "detected", "pairs with their colours",
+         "Share of the pairs of pixels that keep the difference of chromaticity."),
+    )
+    for column in (
+        Column(name, label, "", meaning, decimals=4, value=f"{path}.value"),
+        Column(f"{name}_low", f"{label}, low", "", "Lower end of the 95 % interval.", decimals=5,
+               value=f"{path}.interval.low"),
+        Column(f"{name}_high", f"{label}, high", "", "Upper end of the 95 % interval.", decimals=5,
+               value=f"{path}.interval.high"),
+    )
+)  # fmt: skip
 #: Over frame and region; taken from a `RegionLight`.
 LIGHT_COLUMNS = tuple(
     column
@@ -95,7 +112,9 @@ def restored(values: Iterable[Mapping[str, Any]]) -> tuple[Finding, ...]:
 _AXES = ("frame", "contrast")
 
 
-def frame_columns(rows: Iterable[Row], n_frames: int, n_contrasts: int, rois: Sequence[Roi]) -> dict[str, NDArray[Any]]:
+def frame_columns(
+    rows: Iterable[Row], n_frames: int, n_contrasts: int, rois: Sequence[Roi], *, colours: bool = False
+) -> dict[str, NDArray[Any]]:
     """Return the rows of the journal as an array for each key; for corners, nan beyond those that a region has.
 
     Parameters
@@ -106,6 +125,8 @@ def frame_columns(rows: Iterable[Row], n_frames: int, n_contrasts: int, rois: Se
         Their number, and that of the contrasts.
     rois : sequence of Roi
         The regions; none for nearest neighbours.
+    colours : bool
+        Whether their colours were separated.
 
     Returns
     -------
@@ -119,6 +140,7 @@ def frame_columns(rows: Iterable[Row], n_frames: int, n_contrasts: int, rois: Se
     if rois:
         shapes |= dict.fromkeys(names(FRAME_COLUMNS), ()) | dict.fromkeys(names(REGION_COLUMNS), (len(rois),))
         shapes |= dict.fromkeys(names(CORNER_COLUMNS), (len(rois), n_corners))
+    shapes |= dict.fromkeys(names(COLOUR_COLUMNS), ()) if colours else {}
     columns: dict[str, NDArray[Any]] = {name: np.full((n_frames, *shape), nan) for name, shape in shapes.items()}
     columns["frame"] = np.zeros(n_frames, dtype=np.int64)
     texts: dict[str, NDArray[Any]] = {name: np.empty(n_frames, dtype=object) for name in ("findings", "invalid")}
@@ -167,7 +189,8 @@ def video_dataset(
     coordinates: dict[str, Any] = {"frame": columns["frame"], "contrast": list(contrasts)}
     if regions:
         places = list(order)
-        variables += [(column, ("frame",), columns[column.name]) for column in FRAME_COLUMNS]
+        per_frame = [column for column in (*FRAME_COLUMNS, *COLOUR_COLUMNS) if column.name in columns]
+        variables += [(column, ("frame",), columns[column.name]) for column in per_frame]
         variables += [(column, ("frame", "region"), columns[column.name][:, places]) for column in REGION_COLUMNS]
         variables += [
             (column, ("frame", "region", "corner"), columns[column.name][:, places]) for column in CORNER_COLUMNS

@@ -168,7 +168,9 @@ def _dataset(source: VideoSource, converter: Converter, part: PartRun) -> Datase
     settings, journal, regions = part.settings, part.journal, [roi.name for roi in part.settings.rois]
     n_frames = len(journal) - (part.end is not None)
     rows = islice(journal.rows(), n_frames)
-    columns = frame_columns(rows, n_frames, len(part.contrasts), settings.rois)
+    columns = frame_columns(
+        rows, n_frames, len(part.contrasts), settings.rois, colours=settings.colours and bool(regions)
+    )
     measured = first_measured(columns)
     if measured is None or np.isnan(part.contrasts).all():
         journal.discard()

@@ -23,7 +23,16 @@ from ...report.sheets import MOST_COLUMNS, write_result
 from ...report.text import cell_text, fixed, percent, printable, significant, span
 from ..judgement import requirement_cards
 from ..verdict import changes_of
-from .dataset import CONTRAST_COLUMNS, CORNER_COLUMNS, FRAME_COLUMNS, LIGHT, NOTE, REGION_COLUMNS, TIME
+from .dataset import (
+    COLOUR_COLUMNS,
+    CONTRAST_COLUMNS,
+    CORNER_COLUMNS,
+    FRAME_COLUMNS,
+    LIGHT,
+    NOTE,
+    REGION_COLUMNS,
+    TIME,
+)
 from .figure import drawn_contrasts, frames_of_a_point, video_figure
 from .result import answer_of, contrast_name, is_neighbours, limit_of, unit_of, video_result
 
@@ -41,6 +50,10 @@ def video_page(dataset: Dataset, result: Result, figure: ReportFigure) -> Page:
     """Return the page: how often contrasts were detected, curves over time, then regions, notes and provenance."""
     tables = {table.name: table for table in result.tables}
     sections = [Section("Requirement", [table]) for table in result.tables_named("requirement")]
+    if "colours" in tables:
+        from .colours import colours_figure
+
+        sections.append(Section("Colours", [colours_figure(dataset), tables["colours"]]))
     if "regions" in tables:
         text = "A region that cannot be found is lost: these frames have no CDP."
         blocks: list[Block] = [tables["regions"], *([tables["lost"]] if "lost" in tables else []), text]
@@ -209,7 +222,8 @@ def _frame_columns(dataset: Dataset, frames: slice) -> Table:
 def _frame_rows(dataset: Dataset) -> Table:
     """All numbers, one row per frame and contrast; the contrast changes fastest."""
     variables = [
-        (column, dataset.get(column.name)) for column in (_FRAME, TIME, _CONTRAST, *CONTRAST_COLUMNS, *FRAME_COLUMNS)
+        (column, dataset.get(column.name))
+        for column in (_FRAME, TIME, _CONTRAST, *CONTRAST_COLUMNS, *FRAME_COLUMNS, *COLOUR_COLUMNS)
     ]
     for region in range(dataset.sizes.get("region", 0)):
         name = str(dataset["region"].values[region])

@@ -80,6 +80,10 @@ def video_result(dataset: Dataset) -> Result:
     if judgement is not None:
         findings = unique([*findings, *judgement.findings])
     tables = [*verdicts, _contrasts(dataset), _summary(dataset), *([regions] if len(regions) else [])]
+    if "csp" in dataset:
+        from .colours import colours_table
+
+        tables.append(colours_table(dataset))
     tables += frame_tables(dataset)
     return Result(
         "video",

@@ -33,6 +33,7 @@ from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
 from ..picture.converter import Converter
 from ..picture.neighbours import neighbours_of_frame
 from .dataset import (
+    COLOUR_COLUMNS,
     CONTRAST_COLUMNS,
     CORNER_COLUMNS,
     FINDINGS,
@@ -172,6 +173,7 @@ class PartRun:
         settings, frame, pixels = self.settings, item.frame, item.frame.pixels
         row: Row = {"frame": frame.number, "time_s": frame.time_s}
         row |= {name: [nan] * settings.n_contrasts for name in names(CONTRAST_COLUMNS)}
+        row |= dict.fromkeys(names(COLOUR_COLUMNS), nan) if settings.colours and settings.rois else {}
         if settings.rois:
             row |= _region_corners(regions if pixels is not None else (), settings.rois)
         if pixels is None:
@@ -214,7 +216,14 @@ class PartRun:
         row |= values_of(LIGHT_COLUMNS, both) | {_INVALID: [region.invalid_shares for region in both]}
         row |= array_values_of(CONTRAST_COLUMNS, pair.cdp[:n]) if n else {}
         row |= {name: values[0] for name, values in array_values_of(REFERENCE_COLUMNS, pair.cdp[n:]).items() if values}
-        return row, [] if why is None else [why]
+        findings = [] if why is None else [why]
+        if self.settings.colours and isinstance(self.settings.epsilon, int | float):
+            from .colours import frame_separation
+
+            colours, doubts = frame_separation(item.frame, self._converter, rois, self.settings.epsilon)
+            row |= colours
+            findings += doubts
+        return row, findings
 
     def _neighbour_row(self, frame: Frame) -> Row:
         given = None if isnan(self.contrasts[0]) else self.contrasts

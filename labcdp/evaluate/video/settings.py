@@ -76,6 +76,8 @@ class VideoSettings:
         Whether frames that are damaged, or build on damaged ones, are evaluated, with a note.
     cdp_limit : float
         CDP from which a contrast counts as detected in a frame.
+    colours : bool
+        Whether the colours of the regions are to be separated in each frame.
     requirement : Requirement or None
         Requirement by which the pair is judged, with contrast, tolerance and limit of its own.
 
@@ -108,6 +110,7 @@ class VideoSettings:
     no_vignetting: bool | None = None
     cdp_limit: float = CDP_LIMIT
     requirement: Requirement | None = None
+    colours: bool = False
 
     def __post_init__(self) -> None:
         require_limit(self.cdp_limit)
@@ -131,6 +134,8 @@ class VideoSettings:
             raise InputError("a reference contrast needs regions: give two, or give the contrast itself")
         if isinstance(self.reference, float):
             checked_contrast(self.reference, self.epsilon)
+        if self.colours and not isinstance(self.epsilon, int | float):
+            raise InputError("the tolerance has two ends: give one number for the colours of regions")
 
     def _check_number(self) -> None:
         """Refuse a number of regions that cannot be evaluated."""
@@ -267,6 +272,7 @@ def video_configuration(settings: VideoSettings, reference: VideoReference | Non
         "camera_sha256": None if settings.camera is None else InputFile.of("camera", settings.camera).sha256,
         "encoding": asdict(encoding) if isinstance(encoding, Companding) else encoding,
         **{name: getattr(settings, name) for name in as_they_are},
+        **({"colours": True} if settings.colours else {}),
         **({} if settings.requirement is None else {"requirement": settings.requirement.model_dump(mode="json")}),
         **settings.stated,
     }

@@ -96,7 +96,8 @@ class VideoFile(VideoSource):
             planes = tuple(plane[above : plane.shape[0] - below] for plane in planes[:1])
         part = partial(self._grey if pixels.kind == "luma" else self._of_colours, planes, number)
         in_part = part if pixels.orientation == 1 and pixels.kind != "rgb" else None
-        return StoredPixels(planes, pixels.followed(planes), pixels.levels, partial(part, WHOLE), in_part)
+        colours = None if pixels.kind == "luma" else partial(pixels.colours, planes)
+        return StoredPixels(planes, pixels.followed(planes), pixels.levels, partial(part, WHOLE), in_part, colours)
 
     def _grey(self, planes: Sequence[NDArray[Any]], number: int, window: Window) -> Frame:
         dn = self.pixels.luma(planes[0][window])

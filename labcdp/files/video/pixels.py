@@ -157,6 +157,21 @@ class Pixels:
             luminance, clipped = self._of_ycbcr(planes, window)
         return upright(luminance, self.orientation), upright(clipped, self.orientation)
 
+    def colours(
+        self, planes: Sequence[NDArray[Any]], window: Window = WHOLE
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Linear red, green and blue of colours from 0 to 1, shape (height, width, 3), and which pixels are saturated.
+
+        Of Y', Cb and Cr a window as stored, else of the upright frame.
+        """
+        in_part = self.kind == "ycbcr" and self.orientation == 1
+        # Light of a single colour is luminance with all of the weight on it.
+        single = (replace(self, of_light=(float(r), float(g), float(b))) for r, g, b in np.eye(3))
+        lights, clipped = zip(*(one.luminance(planes, window if in_part else WHOLE) for one in single), strict=True)
+        values = np.stack(lights, axis=-1) * np.float32(1 / 65535)
+        inside = WHOLE if in_part else window
+        return values[inside], np.any(clipped, axis=0)[inside]
+
     def _of_ycbcr(self, planes: Sequence[NDArray[Any]], window: Window) -> tuple[NDArray[np.uint16], NDArray[np.bool_]]:
         from .colour_kernel import luminance_of_ycbcr
 

@@ -38,6 +38,9 @@ class StoredPixels:
         Makes the frame.
     part : callable or None
         Makes a frame of some rows and columns only, in less time; None if the whole one is there.
+    colours : callable or None
+        Makes linear red, green and blue of some rows and columns, and which of their pixels are saturated; None of
+        grey.
     """
 
     planes: tuple[NDArray[Any], ...]
@@ -45,6 +48,7 @@ class StoredPixels:
     levels: tuple[float, float, float]
     whole: Callable[[], Frame]
     part: Callable[[Window], Frame] | None = None
+    colours: Callable[[Window], tuple[NDArray[np.float32], NDArray[np.bool_]]] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -353,11 +353,12 @@ class Image:
         >>> response["mtf50"].values.round(2).tolist()
         [0.22]
         """
-        from ..evaluate.sharpness.measure import measure_sharpness
+        from ..evaluate.sharpness.measure import measure_sharpness, pixels_of_values
         from ..evaluate.sharpness.tables import sharpness_dataset
 
         height, width = self.shape
-        measured = measure_sharpness(self.luminance, as_rois(regions, (width, height)))
+        pixels = pixels_of_values(self.picture, self.converter)
+        measured = measure_sharpness(self.luminance, as_rois(regions, (width, height)), pixels=pixels)
         attributes = self.attributes(None, measured.findings) | {"title": "sharpness of a picture"}
         return described(sharpness_dataset(measured.edges, attributes))
 

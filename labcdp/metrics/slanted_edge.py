@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import cos, isfinite, log, nan, radians, sin
+from math import cos, isfinite, log, nan, pi, radians, sin
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -20,8 +20,8 @@ from .region import SATURATED_SHARE
 #: Direction in which an edge shows the sharpness: an edge along the columns that along the rows, ``horizontal``.
 Direction: TypeAlias = Literal["horizontal", "vertical"]
 _Array = NDArray[np.float64]
-#: Highest frequency in cycles/pixel, and least modulation, at which the MTF of a lens is taken as measured.
-_MOST_CYCLES, _LEAST_MODULATION = 0.75, 0.05
+#: Least response of the pixels, that at 0.75 cycles/pixel, and least modulation from which the MTF of a lens is taken.
+_LEAST_PIXEL, _LEAST_MODULATION = 0.3, 0.05
 #: Beyond: most points, and modulation that is left out. Error of linear interpolation between all points.
 _MOST_FURTHER, _NO_MODULATION, _INTERPOLATED = 800, 0.003, 0.001
 
@@ -80,7 +80,8 @@ class EdgeSfr(Sfr):
     bright, dark : float
         Light of its two sides.
     pixel_response : ndarray of float, shape (n,)
-        Response of a square pixel across this edge; the lens has the response over that.
+        Response across this edge of a square pixel, or behind a colour filter of the pixels whose mean a value is; the
+        lens has the response over that.
 
     Examples
     --------
@@ -102,7 +103,13 @@ class EdgeSfr(Sfr):
     pixel_response: _Array
 
 
-def sfr(values: ArrayLike | LuminanceMap, roi: Roi | None = None, *, direction: Direction | None = None) -> EdgeSfr:
+def sfr(
+    values: ArrayLike | LuminanceMap,
+    roi: Roi | None = None,
+    *,
+    direction: Direction | None = None,
+    pixels: Mapping[tuple[int, int], float] | None = None,
+) -> EdgeSfr:
     """Measure the spatial frequency response of a camera at a slanted edge.
 
     Parameters
@@ -115,6 +122,9 @@ def sfr(values: ArrayLike | LuminanceMap, roi: Roi | None = None, *, direction: 
     direction : {'horizontal', 'vertical'} or None
         Direction in which the sharpness is measured: ``horizontal`` for an edge along the columns of pixels,
         ``vertical`` for one along the rows; None for that which the region shows.
+    pixels : mapping of (int, int) to float, or None
+        Of a map behind a colour filter the pixels that a value is the mean of: weights by row and column in each group
+        of 2 x 2; None for all of them alike. It is part of `EdgeSfr.pixel_response`.
 
     Returns
     -------
@@ -169,7 +179,7 @@ def sfr(values: ArrayLike | LuminanceMap, roi: Roi | None = None, *, direction: 
         frequency, response, _crossing(frequency, response, 0.5), _crossing(frequency, response, 0.1),
         profile.excess(1), profile.excess(-1), chosen, angle_deg, step * (line + corner), step * profile.grid_px,
         profile.curves(profile.grid_px)[0], float(profile.bright[0]), float(profile.dark[0]),
-        pixel_response(FREQUENCY, angle_deg),
+        _value_response(frequency, angle_deg, chosen, pixels or dict.fromkeys(np.ndindex(step, step), 1.0)),
     )  # fmt: skip
 
 
@@ -243,9 +253,10 @@ def lens_mtf(edges: Sequence[EdgeSfr], pixel_pitch_m: float) -> tuple[tuple[floa
 
     Notes
     -----
-    The mean over the edges of response over that of a square pixel, up to where noise or the pixel's own response leave
-    too little of it: 0.75 cycles/pixel, or where it is below 0.05 or three times its uncertainty. Beyond it continues
-    as the Gaussian through its last point. What sharpening adds is no lens: modulations above 1 are 1.
+    The mean over the edges of response over that of the pixels, up to where noise or the pixels' own response leave too
+    little of it: where that is below 0.3, at 0.75 cycles/pixel, or the MTF below 0.05 or three times its uncertainty.
+    Beyond it continues as the Gaussian through its last point. What sharpening adds is no lens: modulations above 1
+    are 1.
 
     Examples
     --------
@@ -259,17 +270,17 @@ def lens_mtf(edges: Sequence[EdgeSfr], pixel_pitch_m: float) -> tuple[tuple[floa
     if not (isfinite(pixel_pitch_m) and pixel_pitch_m > 0):
         raise InputError(f"the pixel pitch is {pixel_pitch_m:g} m: give a length above 0, such as 3e-6")
     mean = mean_sfr(edges)
-    per_pixel = np.mean([1 / np.maximum(edge.pixel_response, 1e-3) for edge in edges], axis=0)
-    modulation = mean.response.value * per_pixel
-    # Of groups of 2 x 2 pixels the highest frequency is that of one in two.
-    cycles = np.linspace(0.0, 1.0, mean.frequency.size)
-    weak = (modulation < np.maximum(_LEAST_MODULATION, 3 * mean.response.u * per_pixel)) | (cycles > _MOST_CYCLES)
+    frequency, pixels = mean.frequency, np.min([edge.pixel_response for edge in edges], axis=0)
+    each = [edge.response.value / np.maximum(edge.pixel_response, _LEAST_PIXEL / 2) for edge in edges]
+    modulation = np.mean(each, axis=0)
+    u = mean.response.u / np.maximum(pixels, _LEAST_PIXEL / 2)
+    weak = (modulation < np.maximum(_LEAST_MODULATION, 3 * u)) | (pixels < _LEAST_PIXEL)
     last = max(int(np.argmax(weak)) - 1, 1)
     modulation = np.minimum(modulation, 1.0)
-    fall = log(1 / min(modulation[last], 0.999)) / cycles[last] ** 2
-    further = cycles[last] + cycles[1] * np.arange(1, _MOST_FURTHER)
+    fall = log(1 / min(modulation[last], 0.999)) / frequency[last] ** 2
+    further = frequency[last] + frequency[1] * np.arange(1, _MOST_FURTHER)
     further = further[np.exp(-fall * further**2) > _NO_MODULATION]
-    frequency = mean.frequency[1] / cycles[1] * np.concatenate([cycles[: last + 1], further])
+    frequency = np.concatenate([frequency[: last + 1], further])
     values = np.concatenate([modulation[: last + 1], np.exp(-fall * further**2)])
     kept = _needed_points(frequency, values)
     lp_per_mm = 1e-3 * frequency / pixel_pitch_m
@@ -310,6 +321,22 @@ def pixel_response(frequency: ArrayLike, angle_deg: float = 0.0) -> _Array:
     across, along = cos(radians(angle_deg)), sin(radians(angle_deg))
     cycles = np.asarray(frequency, dtype=np.float64)
     response: _Array = np.abs(np.sinc(cycles * across) * np.sinc(cycles * along))
+    return response
+
+
+def _value_response(
+    frequency: _Array, angle_deg: float, direction: Direction, pixels: Mapping[tuple[int, int], float]
+) -> _Array:
+    """Response of a value that is the weighted mean of pixels, by row and column: of a pixel times that of places."""
+    # Places of the pixels across the edge, in the direction of its normal.
+    across, along = cos(radians(angle_deg)), sin(radians(angle_deg))
+    x_y = (across, -along) if direction == "horizontal" else (-along, across)
+    phases = [
+        weight * np.exp(2j * pi * frequency * (column * x_y[0] + row * x_y[1]))
+        for (row, column), weight in pixels.items()
+    ]
+    places = np.abs(np.sum(phases, axis=0)) / sum(pixels.values())
+    response: _Array = pixel_response(frequency, angle_deg) * places
     return response
 
 

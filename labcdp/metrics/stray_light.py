@@ -37,6 +37,15 @@ class StrayLight:
         Mean of rings about the source.
     blocks : Quantity of ndarray, shape (rows, columns)
         Mean of each block; nan where more than half of it is source.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from labcdp import Roi
+    >>> from labcdp.metrics import flare
+    >>> stray = flare(np.full((64, 96), 2.0), [Roi.rectangle("lamp", 32, 16, 16, 16)]).light
+    >>> stray.mean.value, int(np.isnan(stray.blocks.value).sum())
+    (2.0, 1)
     """
 
     mean: Quantity

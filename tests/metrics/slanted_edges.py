@@ -16,7 +16,7 @@ def edge_image(height, width, angle_deg, sigma_px, dark=20.0, bright=100.0, bend
     across, along = cos(radians(angle_deg)), sin(radians(angle_deg))
     y, x = np.mgrid[:height, :width] + 0.5
     distance = (x - width / 2) * across - (y - height / 2) * along - bend * (y - height / 2) ** 2
-    a, b = across / 2, along / 2
+    a, b = across / 2, abs(along) / 2
     mean = sum(
         sign * twice_integrated(distance + step, sigma_px)
         for sign, step in ((1, a + b), (-1, a - b), (-1, b - a), (1, -a - b))

@@ -184,3 +184,20 @@ def test_lens_mtf_is_without_the_pixel(sigma_px):
     assert lp_per_mm.size < 60
     with pytest.raises(InputError, match="the pixel pitch is inf m"):
         lens_mtf(edges, inf)
+
+
+@pytest.mark.parametrize("angle_deg", [5, -7, 12])
+@pytest.mark.parametrize("transposed", [False, True])
+def test_lens_mtf_behind_a_colour_filter_is_without_the_places_of_its_pixels(angle_deg, transposed):
+    """Values are means of the two green pixels of each 2 x 2, which lie across: the sum has a response of its own."""
+    image = edge_image(200, 160, angle_deg, 0.7)
+    image = image.T if transposed else image
+    greens = (image[::2, 1::2] + image[1::2, ::2]) / 2
+    luminance = LuminanceMap(greens, np.zeros(greens.shape), 0.0, np.zeros(greens.shape, np.uint8), step=2)
+    measured = sfr(luminance, pixels={(0, 1): 1.0, (1, 0): 1.0})
+    lp_per_mm, modulation = np.array(lens_mtf([measured], 3e-6)).T
+    expected = np.exp(-2 * (np.pi * 0.7 * 3e-3 * lp_per_mm) ** 2)
+    np.testing.assert_allclose(modulation, expected, atol=3e-3)
+    # As if each value were one square of 2 x 2 pixels it would be far off.
+    alike = np.interp(lp_per_mm, *np.array(lens_mtf([sfr(luminance)], 3e-6)).T)
+    assert np.abs(alike - expected).max() > 0.02

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import hypot
 
 from ...core.errors import InputError
+from ...core.frame import luminance_pixels, plane_positions
 from ...core.luminance import LuminanceMap
 from ...core.result import Finding, error, info, unique, warning
 from ...core.roi import Roi
+from ...files.picture import Picture
 from ...metrics.slanted_edge import EdgeSfr, Sfr, lens_mtf, mean_sfr, sfr
+from ..picture.converter import Converter
 
 #: Excess over both sides of an edge from which a picture counts as sharpened.
 _SHARPENED = 0.05
@@ -96,7 +99,10 @@ class MeasuredSharpness:
 
 
 def measure_sharpness(
-    luminance: LuminanceMap, rois: Sequence[Roi], pixel_pitch_m: float | None = None
+    luminance: LuminanceMap,
+    rois: Sequence[Roi],
+    pixel_pitch_m: float | None = None,
+    pixels: Mapping[tuple[int, int], float] | None = None,
 ) -> MeasuredSharpness:
     """Measure the response at the edges of a picture.
 
@@ -108,6 +114,8 @@ def measure_sharpness(
         Regions about one edge each, in pixels of the image.
     pixel_pitch_m : float or None
         Distance of the pixels on the sensor, where it is known.
+    pixels : mapping of (int, int) to float, or None
+        Pixels that a value of the map is the mean of, as of `sfr`.
 
     Raises
     ------
@@ -129,13 +137,39 @@ def measure_sharpness(
     edges, failed = [], []
     for roi in rois:
         try:
-            edges.append(_in_field(luminance, roi, sfr(luminance, roi)))
+            edges.append(_in_field(luminance, roi, sfr(luminance, roi, pixels=pixels)))
         except InputError as problem:
             failed.append(error("sfr-edge-failed", roi.name, reason=str(problem)))
     if not edges:
         reason = f"region {failed[0].subject!r}: {failed[0].values['reason']}" if failed else "no region about an edge"
         raise InputError(f"no edge can be measured: {reason}")
     return MeasuredSharpness(tuple(edges), pixel_pitch_m, unique([*failed, *_findings(luminance, edges)]))
+
+
+def pixels_of_values(picture: Picture, converter: Converter) -> dict[tuple[int, int], float] | None:
+    """Return the pixels of each 2 x 2 whose mean the light of a picture is, with their weights; None without a filter.
+
+    Examples
+    --------
+    >>> import cv2
+    >>> import numpy as np
+    >>> from labcdp import read_image
+    >>> from labcdp.evaluate.sharpness.measure import pixels_of_values
+    >>> written = cv2.imwrite("mosaic.png", np.full((40, 60), 100, np.uint8))
+    >>> image = read_image("mosaic.png", bayer="RGGB")
+    >>> pixels_of_values(image.picture, image.converter)
+    {(0, 1): 1.0, (1, 0): 1.0}
+    """
+    frame, calibration = picture.frame, converter.calibration
+    if frame is None or frame.colour_filter is None:
+        return None
+    if calibration is None:
+        return dict.fromkeys(luminance_pixels(frame.colour_filter), 1.0)
+    places, weights = plane_positions(frame.colour_filter), getattr(calibration, "weights", None)
+    if weights is None:
+        return None
+    planes = [str(plane.state.plane) for plane in calibration.planes]
+    return {places[plane]: float(weight) for plane, weight in zip(planes, weights, strict=True) if plane in places}
 
 
 def _in_field(luminance: LuminanceMap, roi: Roi, response: EdgeSfr) -> FieldEdge:

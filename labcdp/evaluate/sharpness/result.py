@@ -21,7 +21,7 @@ from ...report.files import dataset_bytes, result_files
 from ...report.layout import Block, Page, Section, Verbatim, facts_table, input_facts
 from ..picture.converter import LENS, RELATIVE, Converter, PictureSource
 from .figures import sharpness_cards, sharpness_figures
-from .measure import MeasuredSharpness, measure_sharpness
+from .measure import MeasuredSharpness, measure_sharpness, pixels_of_values
 from .tables import sharpness_dataset, sharpness_tables
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def evaluate_sharpness(settings: SharpnessSettings, path: Path) -> tuple[Result,
     require_on_image(settings.rois, settings.image_size, (width, height), *files)
     luminance = settings.converter.luminance(picture)
     pitch_m = pixel_pitch_m(settings.converter, picture) if settings.chain is None else chain_pitch_m(settings.chain)
-    measured = measure_sharpness(luminance, settings.rois, pitch_m)
+    measured = measure_sharpness(luminance, settings.rois, pitch_m, pixels_of_values(picture, settings.converter))
     source = settings.converter.source(picture)
     result = _result(settings, measured, source)
     page = _page(measured, result, luminance, source)

@@ -104,6 +104,21 @@ def test_gamma_is_undone(labcdp, tmp_path):
     assert abs(float(as_it_is.sfr(boxes)["mtf50"].sel(edge="centre")) / frequency_at(0.5, 6, 0.6) - 1) > 0.03
 
 
+def test_green_pixels_of_a_mosaic_have_the_response_of_their_lens(labcdp, tmp_path):
+    image = edge_image(200, 160, 6, 0.8, 400, 3000) + np.random.default_rng(2).normal(0, 4, (200, 160))
+    cv2.imwrite(str(tmp_path / "chart.png"), image.round().astype(np.uint16))
+    region = {"name": "middle", "kind": "rectangle", "x": 10, "y": 0, "width": 140, "height": 200}
+    document = {"format": "labcdp regions", "version": 1, "regions": [region]}
+    (tmp_path / "edges.json").write_text(json.dumps(document))
+    options = ("--bayer", "RGGB", "--bit-depth", "12", "--pixel-pitch", "3um")
+    result = evaluate(labcdp, tmp_path / "chart.png", *options)
+    assert "sfr-of-cells" in {finding["code"] for finding in result["findings"]}
+    assert result["tables"]["response"]["rows"][-1]["frequency"] == 0.5
+    for row in result["tables"]["mtf"]["rows"]:
+        expected = np.exp(-2 * (np.pi * 0.8 * 3e-3 * row["lp_per_mm"]) ** 2)
+        assert row["modulation"] == pytest.approx(expected, abs=0.02)
+
+
 def test_python_has_the_numbers_of_the_command(labcdp, chart):
     rows = evaluate(labcdp, chart)["tables"]["edges"]["rows"]
     image = package.read_image(chart, encoding="linear", black_level_dn=0, no_vignetting=True)

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from math import hypot, isfinite, nan
 from typing import Literal
 
@@ -92,6 +92,17 @@ class Pair:
     def targets_measured_contrast(self) -> bool:
         """Whether the target contrast is the measured one."""
         return len(self.cdp) == 1 and bool(self.cdp.contrast[0] == self.contrast.value)
+
+    def clipped(self, names: Collection[str]) -> Pair:
+        """Return the pair with the regions of some names as saturated ones, without a CDP if it has one of them."""
+        if not {self.a.roi.name, self.b.roi.name} & set(names):
+            return self
+        a, b = (region.clipped() if region.roi.name in names else region for region in (self.a, self.b))
+        unknown = Quantity(nan, nan)
+        return replace(
+            self, a=a, b=b, cdp=self.cdp.unanswered(), contrast=Quantity(self.contrast.value, nan),
+            contrast_pixels=nan, contrast_vignetting=nan, csnr=unknown,
+        )  # fmt: skip
 
     @property
     def bright_region(self) -> RegionLight:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import hypot, isfinite, nan, sqrt
 from typing import Any, Literal, TypeAlias
@@ -60,6 +60,13 @@ class RegionLight:
     std: float
     snr: Quantity
     invalid_shares: dict[str, float]
+
+    def clipped(self) -> RegionLight:
+        """Return the region as one whose pixels are all saturated: its mean is a bound."""
+        unknown = Quantity(nan, nan)
+        return replace(
+            self, u=nan, snr=unknown, invalid_shares={**self.invalid_shares, REASONS[Invalid.SATURATED]: 1.0}
+        )
 
     @property
     def bound(self) -> Bound:

@@ -119,6 +119,10 @@ def measure_picture(luminance: LuminanceMap, source: PictureSource, settings: Im
 
         chart = measure_chart(luminance, source.unit, settings.chart, settings.rois, *targets, settings.cdp_limit)
         findings += chart.findings
+        # The file need not state from which DN on pixels are saturated: the chart shows it.
+        full = {region.roi.name for region, clipped in zip(chart.regions, chart.saturated, strict=True) if clipped}
+        pairs = [pair.clipped(full) for pair in pairs]
+        regions = [region.clipped() if region.roi.name in full else region for region in regions]
     return MeasuredPicture(
         str(source.path), source, tuple(regions), tuple(pairs), neighbours, unique(findings), chart=chart
     )

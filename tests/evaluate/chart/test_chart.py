@@ -102,6 +102,8 @@ def test_saturated_patches_have_no_cdp(labcdp, tmp_path, chart_path):
     assert "chart-clipped" in codes
     assert "chart-order" not in codes
     assert set(list(result["tables"]["cdp matrix"]["rows"][0].values())[1:]) == {None}
+    first = result["tables"]["cdp"]["rows"][0]
+    assert (first["pair"].split(" / ")[0], first["cdp"], first["verdict"]) == ("A1", None, "saturated")
 
 
 def test_glare_seen_of_a_black_patch_is_taken_off(labcdp, tmp_path, chart_path):

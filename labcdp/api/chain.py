@@ -101,8 +101,8 @@ class Chain(_Chain):
         Returns
         -------
         xarray.Dataset
-            With a dimension for each parameter: ``colour_distance``, ``csp``, ``csp_own`` and ``colours_detected``, as
-            of `labcdp.colour_separation`, of cells of 2 x 2 pixels.
+            With a dimension for each parameter: ``colour_distance``, ``csp``, ``csp_counted`` and
+            ``colours_detected``, as of `labcdp.colour_separation`, of cells of 2 x 2 pixels.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class Chain(_Chain):
         names = {
             "colour_distance": ("distance", "Mahalanobis distance of the colours"),
             "csp": ("csp", "colour separation probability"),
-            "csp_own": ("csp_own", "share of cells nearer to their own region, covariances of their own"),
+            "csp_counted": ("csp_counted", "share of cells nearer to their own region, covariances of their own"),
             "colours_detected": ("detected", "share of the pairs of cells that keep the difference of chromaticity"),
         }
         shape = tuple(len(axis.values) for axis in over)

@@ -100,8 +100,8 @@ class ImageRegions:
         -------
         xarray.Dataset
             Over pair: the Mahalanobis distance ``colour_distance``, the colour separation probability ``csp`` and
-            ``csp_own``, and ``colours_detected``, the share of the pairs of pixels that keep the difference, each with
-            its 95 % interval and standard uncertainty; see `labcdp.colour_separation`.
+            ``csp_counted``, and ``colours_detected``, the share of the pairs of pixels that keep the difference, each
+            with its 95 % interval and standard uncertainty; see `labcdp.colour_separation`.
 
         Raises
         ------

@@ -37,7 +37,7 @@ class ColourSeparation:
     csp : Quantity
         Colour separation probability (CSP), share of pixels that are nearer to their own region than to the other if
         both are normal with the pooled covariance.
-    csp_own : Quantity
+    csp_counted : Quantity
         The same share counted, each region with its own covariance; mean of both regions.
     csp_bound : float
         Least share by the Bhattacharyya bound of normal regions with covariances of their own.
@@ -63,7 +63,7 @@ class ColourSeparation:
 
     distance: Quantity
     csp: Quantity
-    csp_own: Quantity
+    csp_counted: Quantity
     csp_bound: float
     difference: _Array
     detected: Quantity
@@ -109,7 +109,7 @@ def colour_separation(
     share of pixels on the right side of the linear discriminant of normal regions of equal size. A camera whose
     planes are multiplied by other factors has the same D.
 
-    `csp_own` counts the pixels whose squared distance by the covariance of their region, plus its ln det, is smaller
+    `csp_counted` counts the pixels whose squared distance by the covariance of their region, plus its ln det, is less
     than that by the other's (quadratic discriminant). A pixel is left out of mean and covariance of its own region
     when it is judged, as these would otherwise favour it. The bound is 1 - exp(-D_B) / 2 with the distance D_B of
     Bhattacharyya (K. Fukunaga, Introduction to Statistical Pattern Recognition, 1990, 3.4).
@@ -160,7 +160,7 @@ def separation(
             warning("colours-not-separated", f"{first.name} / {second.name}", highest=distance.interval.high)
         )
     return ColourSeparation(
-        distance, csp, _own_covariances(*regions), _bound(*regions), direction, detected, float(tolerance),
+        distance, csp, _counted_share(*regions), _bound(*regions), direction, detected, float(tolerance),
         tuple(findings),
     )  # fmt: skip
 
@@ -293,7 +293,7 @@ def _distance(first: ColourRegion, second: ColourRegion) -> tuple[Quantity, Quan
     return Quantity(distance, u, ends=ends), csp
 
 
-def _own_covariances(first: ColourRegion, second: ColourRegion) -> Quantity:
+def _counted_share(first: ColourRegion, second: ColourRegion) -> Quantity:
     """Return the share of pixels that are nearer to their own region, each with its own covariance."""
     shares, variance = [], 0.0
     for region, other in ((first, second), (second, first)):

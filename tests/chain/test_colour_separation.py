@@ -56,7 +56,7 @@ def test_prediction_equals_simulated_cells(pattern, scene):
     for name, quantity in (
         ("colour_distance", measured.distance),
         ("csp", measured.csp),
-        ("csp_own", measured.csp_own),
+        ("csp_counted", measured.csp_counted),
         ("colours_detected", measured.detected),
     ):
         # Intervals of 95 % may miss in one of 24 cases; twice U does in one of 10^4.

@@ -67,7 +67,7 @@ def test_pairs_and_counted_share_equal_brute_force(planes):
             ]
             share += log_density[0] > log_density[1]
         right.append(share / len(region))
-    assert separation.csp_own.value == pytest.approx(np.mean(right), abs=1e-12)
+    assert separation.csp_counted.value == pytest.approx(np.mean(right), abs=1e-12)
 
 
 @pytest.mark.parametrize(("delta", "smooth_px"), [(0.0, 0), (2.0, 0), (10.0, 0), (10.0, 1.0)])
@@ -86,7 +86,7 @@ def test_intervals_hold(delta, smooth_px):
             noise *= sqrt(4 * np.pi) * smooth_px
         first, second = (mean + 5 * part for mean, part in zip(means, noise, strict=True))
         separation = labcdp.colour_separation(first, second, difference=direction if delta else None)
-        for at, quantity in enumerate((separation.distance, separation.csp_own)):
+        for at, quantity in enumerate((separation.distance, separation.csp_counted)):
             low, high = quantity.interval
             held[at] += low - 1e-12 <= truth[at] <= high
             assert low <= quantity.value <= high

@@ -40,7 +40,7 @@ class ColourPrediction:
         Mahalanobis distance of the means by the pooled covariance.
     csp : ndarray of float
         Colour separation probability.
-    csp_own : ndarray of float
+    csp_counted : ndarray of float
         Share of cells nearer to their own region, each region with a covariance of its own.
     detected : ndarray of float
         Share of the pairs of cells whose difference of chromaticity is within the tolerance of that of the means.
@@ -51,7 +51,7 @@ class ColourPrediction:
     variance_dn2: FloatArray
     distance: FloatArray
     csp: FloatArray
-    csp_own: FloatArray
+    csp_counted: FloatArray
     detected: FloatArray
 
 
@@ -115,9 +115,9 @@ def predict_colours(
         variances.append(variance_dn2 / (plane.share * _CELLS))
     mean, variance = np.stack(means, axis=-1), np.stack(variances, axis=-1)
     distance, csp = _distance(mean, variance)
-    own = np.array([_own_share(*cell) for cell in zip(mean, variance, strict=True)])
+    counted = np.array([_counted_share(*cell) for cell in zip(mean, variance, strict=True)])
     detected = np.array([_detected_share(*cell, epsilon) for cell in zip(mean, variance, strict=True)])
-    return ColourPrediction(names, mean, variance, distance, csp, own, detected)
+    return ColourPrediction(names, mean, variance, distance, csp, counted, detected)
 
 
 def _moments(camera: CameraModel, rates_e_s: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -142,7 +142,7 @@ def _distance(mean: FloatArray, variance: FloatArray) -> tuple[FloatArray, Float
     return distance, np.asarray(ndtr(distance / 2))
 
 
-def _own_share(mean: FloatArray, variance: FloatArray) -> float:
+def _counted_share(mean: FloatArray, variance: FloatArray) -> float:
     """Return the share of cells nearer to their own region, of arrays of shape (2, planes)."""
     shares = []
     normal = normal_points(mean.shape[-1])

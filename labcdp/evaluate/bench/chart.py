@@ -44,16 +44,16 @@ def session_chart(
     """
     luminance = evaluation.map
     with_readings, read = _with_readings(chart, evaluation)
-    own = {row.region.name: row.region for row in evaluation.patches}
+    session_regions = {row.region.name: row.region for row in evaluation.patches}
     rois: Sequence[Roi]
     if corners is not None:
         rois = chart.regions(corners)
-    elif all(name in own for name in chart.names):
-        rois = [own[name] for name in chart.names]
+    elif all(name in session_regions for name in chart.names):
+        rois = [session_regions[name] for name in chart.names]
     else:
-        found = chart.found(luminance.luminance_cd_m2)
-        scaled = [tuple((x * luminance.step, y * luminance.step) for x, y in roi.corners) for roi in found]
-        rois = [replace(roi, corners=corners) for roi, corners in zip(found, scaled, strict=True)]
+        located = chart.found(luminance.luminance_cd_m2)
+        scaled = [tuple((x * luminance.step, y * luminance.step) for x, y in roi.corners) for roi in located]
+        rois = [replace(roi, corners=corners) for roi, corners in zip(located, scaled, strict=True)]
     measured = measure_chart(luminance, "cd/m²", with_readings, rois, contrasts, epsilon, cdp_limit)
     findings = [*measured.findings, *([info("chart-values-read", patches=read)] if read else [])]
     exposures = {record.exposure_s for record in evaluation.observed.session.frames("light")}

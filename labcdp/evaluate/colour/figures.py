@@ -55,19 +55,19 @@ def colour_cards(pairs: Sequence[PairColours]) -> list[Card]:
     """Make a card for each of the first pairs."""
     cards = []
     for pair in pairs[:_MOST_PAIRS]:
-        found = pair.separation
-        if not isfinite(found.distance.value):
+        separation = pair.separation
+        if not isfinite(separation.distance.value):
             cards.append(Card(f"Colours, {pair.name}", "saturated" if pair.saturated else "not compared"))
             continue
-        low, high = found.csp.interval
-        ends = found.detected.interval
+        low, high = separation.csp.interval
+        nearest, farthest = (significant(end, 3) for end in separation.distance.interval)
+        ends = separation.detected.interval
         lines = (
-            f"distance {significant(found.distance.value, 3)} "
-            f"({significant(found.distance.interval.low, 3)} to {significant(found.distance.interval.high, 3)})",
-            f"pairs detected {fixed(found.detected.value, 3)} ({fixed(ends.low, 3)} to {fixed(ends.high, 3)})",
+            f"distance {significant(separation.distance.value, 3)} ({nearest} to {farthest})",
+            f"pairs detected {fixed(separation.detected.value, 3)} ({fixed(ends.low, 3)} to {fixed(ends.high, 3)})",
         )
         detail = f"CSP, 95 %: {fixed(low, 4)} to {fixed(high, 4)}"
-        cards.append(Card(f"Colours, {pair.name}", fixed(found.csp.value, 4), detail, lines))
+        cards.append(Card(f"Colours, {pair.name}", fixed(separation.csp.value, 4), detail, lines))
     return cards
 
 

@@ -210,7 +210,7 @@ def colour_dataset(pairs: Sequence[PairColours], attributes: dict[str, Any]) -> 
     quantities = {
         "colour_distance": ("distance", "Mahalanobis distance of the colours"),
         "csp": ("csp", "colour separation probability, pooled covariance"),
-        "csp_own": ("csp_own", "share of pixels nearer to their own region, covariances of their own"),
+        "csp_counted": ("csp_counted", "share of pixels nearer to their own region, covariances of their own"),
         "colours_detected": ("detected", "share of the pairs of pixels that keep the difference of chromaticity"),
     }
     for name, (attribute, meaning) in quantities.items():

@@ -26,15 +26,16 @@ def colour_table(pictures: Sequence[tuple[str, tuple[PairColours, ...]]], severa
                               value="2.distance.value"), "2.distance.interval"),
         *with_interval(Column("csp", "CSP", "", "Colour separation probability, pooled covariance.", decimals=4,
                               value="2.csp.value"), "2.csp.interval"),
-        *with_interval(Column("csp_own", "counted share", "", "Share of pixels nearer to their own region, each "
-                              "region with a covariance of its own.", decimals=4, value="2.csp_own.value"),
-                       "2.csp_own.interval"),
+        *with_interval(Column("csp_counted", "counted share", "", "Share of pixels nearer to their own region, each "
+                              "region with a covariance of its own.", decimals=4, value="2.csp_counted.value"),
+                       "2.csp_counted.interval"),
         *with_interval(Column("detected", "pairs detected", "", "Share of the pairs of pixels that keep the "
                               "difference of chromaticity.", decimals=4, value="2.detected.value"),
                        "2.detected.interval"),
         Column("u_distance", "u of distance", "", "Standard uncertainty.", 2, shown=False, value="2.distance.u"),
         Column("u_csp", "u of CSP", "", "Standard uncertainty.", 2, shown=False, value="2.csp.u"),
-        Column("u_csp_own", "u of counted share", "", "Standard uncertainty.", 2, shown=False, value="2.csp_own.u"),
+        Column("u_csp_counted", "u of counted share", "", "Standard uncertainty.", 2, shown=False,
+               value="2.csp_counted.u"),
         Column("u_detected", "u of pairs detected", "", "Standard uncertainty.", 2, shown=False, value="2.detected.u"),
         Column("csp_bound", "least share", "", "Bhattacharyya bound of the share of pixels nearer to their own region.",
                shown=False, value="2.csp_bound"),

@@ -167,7 +167,7 @@ class Pixels:
         in_part = self.kind == "ycbcr" and self.orientation == 1
         # Light of a single colour is luminance with all of the weight on it.
         single = (replace(self, of_light=(float(r), float(g), float(b))) for r, g, b in np.eye(3))
-        lights, clipped = zip(*(one.luminance(planes, window if in_part else WHOLE) for one in single), strict=True)
+        lights, clipped = zip(*(plane.luminance(planes, window if in_part else WHOLE) for plane in single), strict=True)
         values = np.stack(lights, axis=-1) * np.float32(1 / 65535)
         inside = WHOLE if in_part else window
         return values[inside], np.any(clipped, axis=0)[inside]

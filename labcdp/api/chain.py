@@ -155,6 +155,56 @@ class Chain(_Chain):
         }
         return Dataset(data, {axis.parameter: list(axis.values) for axis in over}, {"epsilon": tolerance})
 
+    def flicker(
+        self,
+        *,
+        stage: str | None = None,
+        threshold: float = 0.1,
+        tolerance: float = 0.1,
+        row_time_s: float = 0.0,
+        **axes: Any,
+    ) -> Dataset:
+        """Predict the flicker of the pulsed lamp in the scene over parameters, without random numbers.
+
+        Parameters
+        ----------
+        stage : str or None
+            Stage whose noise and saturation count, for example ``sensor``; None for the last.
+        threshold, tolerance : float
+            As of `labcdp.flicker`.
+        row_time_s : float
+            Time by which each row of a rolling shutter begins later; 0 for a global shutter.
+        **axes
+            Parameters and their values, named as for `sweep`.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``mmp``, ``fmi``, ``fdi``, the noise of the lamp's mean and the saturated share at its brightest phase, with
+            a dimension for each parameter.
+
+        Raises
+        ------
+        InputError
+            If the scene is not of type ``lamp``, a parameter is unknown, or a value out of range.
+        PredictionError
+            If the chain cannot be predicted.
+
+        Examples
+        --------
+        >>> from dataclasses import replace
+        >>> import labcdp
+        >>> scene = labcdp.chain.LampScene(2452, 2056, 20.0, 2.0, side_px=100, frequency_hz=90, duty=0.2)
+        >>> chain = replace(labcdp.Chain.load("manta-g505"), scene=scene)
+        >>> chain.flicker(exposure__exposure_s=[0.001, 1 / 90])["mmp"].values.round(2).tolist()
+        [0.01, 1.0]
+        """
+        from ..evaluate.flicker.predicted import predict_flicker
+
+        over = [Axis(name if "." in name else name.replace("__", "."), values) for name, values in axes.items()]
+        limits = {"threshold": threshold, "tolerance": tolerance, "row_time_s": row_time_s}
+        return predict_flicker(self, over, stage=stage, **limits)
+
     def with_emva1288(self, path: PathArgument) -> Self:
         """Return the chain with the sensor of EMVA 1288 results; its own gives what they do not state.
 

@@ -11,6 +11,7 @@ from .predict.camera import CameraModel
 from .registry import preset_names, preset_text, register
 from .scene.charts import Checkerboard, StepChart
 from .scene.image import ImageScene
+from .scene.lamp import LampScene
 from .scene.scene import Flat, Level, Patch, PatchScene, Scene, luminance_map, with_patches
 from .scene.spectra import RegionSpectrum
 from .sensor import Sensor
@@ -22,6 +23,7 @@ register("scene", Checkerboard, "checkerboard")
 register("scene", StepChart, "step-chart")
 register("scene", PatchScene, "patches")
 register("scene", ImageScene, "image")
+register("scene", LampScene, "lamp")
 register("windscreen", Windscreen)
 register("windscreen", ThesisWindscreen, "thesis-2018")
 register("optics", Optics)
@@ -46,6 +48,7 @@ __all__ = [
     "Hdr",
     "ImageScene",
     "ImagingChain",
+    "LampScene",
     "Level",
     "Optics",
     "Patch",

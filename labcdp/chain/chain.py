@@ -17,6 +17,7 @@ from .imaging import ImagingChain
 from .optics import Optics, Windscreen
 from .parameters import COUNT, THREADS
 from .parts import ChainParts
+from .scene.lamp import light_of_frame
 from .scene.scene import luminance_map
 from .scene.spectra import spectra_of
 from .sensor import Sensor
@@ -58,9 +59,13 @@ class Chain(ChainParts):
         """
         COUNT.check("seed", seed)
         THREADS.check("threads", 1 if threads is None else threads)
+        oversampling = getattr(self.scene, "oversampling", 1)
         samples = luminance_map(self.scene.luminance_map())
-        scene = scene_signal(samples, oversampling=getattr(self.scene, "oversampling", 1))
-        stages = {"scene": scene}
+        stages = {"scene": scene_signal(samples, oversampling=oversampling)}
+        frame = light_of_frame(self.scene, self.exposures_s, seed)
+        if frame is not self.scene:
+            samples = luminance_map(frame.luminance_map())
+        scene = scene_signal(samples, oversampling=oversampling)
         for sensor_name, sensor in self.sensors or (("", None),):
             pitch = None if sensor is None else sensor.pixel_pitch_m
             context = Context(self.spectrum, seed, pitch, self.settings, threads)

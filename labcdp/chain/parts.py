@@ -262,6 +262,15 @@ class ChainParts:
         return ("sensor",) if len(times) == 1 else tuple(f"sensor {1e3 * time:g} ms" for time in times)
 
     @property
+    def exposures_s(self) -> tuple[float, ...]:
+        """Different exposure times of a frame, in seconds; () without a sensor."""
+        if self.settings is None or not self.sensors:
+            return ()
+        captures = [capture for _, sensor in self.sensors for capture in getattr(sensor, "captures", ())]
+        times = {time for capture in captures for time in (capture.exposure_s or self.settings.exposure_s[0],)}
+        return tuple(sorted(times or set(self.settings.exposure_s)))
+
+    @property
     def recorded_names(self) -> tuple[str, ...]:
         """Names of the signals of one sensor: its exposures, their merge and the stages behind; () without a sensor."""
         if self.settings is None:

@@ -25,7 +25,7 @@ from ..evaluate.sweep.simulation.result import result as simulation_result
 from ..evaluate.sweep.thesis import reproduce_thesis
 from ..evaluate.sweep.thesis_report import thesis_files, thesis_result
 from .commands import As, as_json
-from .options import Changes, ClusterOptions, Contrasts, Results, Seed, Tolerance, one_or_all
+from .options import Changes, ClusterOptions, Contrasts, Results, Seconds, Seed, Tolerance, one_or_all
 from .terminal import print_result, progress_bar
 
 ChainName = Annotated[str, As("Name of a preset (see labcdp presets), or chain file.")]
@@ -98,6 +98,8 @@ def sweep(
     *,
     over: Axes,
     stage: str | None = None,
+    flicker: bool = False,
+    row_time: Seconds | None = None,
 ) -> None:
     """Map the CDP over parameters of an imaging chain; resume an interrupted sweep.
 
@@ -110,9 +112,19 @@ def sweep(
         be repeated.
     stage
         Stage to evaluate, for example sensor or hdr; default: the last.
+    flicker
+        Map FMI, MMP and FDI of the pulsed lamp in a scene of type lamp, computed without random numbers, instead of
+        CDP.
+    row_time
+        Time by which each row of a rolling shutter begins later, for example 15us, for --flicker.
     """
     from ..chain.predict.chain import known_transitions
 
+    if flicker:
+        _flicker_map(options, results, chain, over, stage, row_time or 0.0)
+        return
+    if row_time is not None:
+        raise InputError("--row-time needs --flicker: CDP has no rolling shutter")
     loaded = Chain.load(chain).with_(**dict(options.changes))
     wanted = Sweep(loaded, over, options.exact, stage, one_or_all(options.contrast), options.epsilon, options.seed)
     with results.folder(chain) as folder:
@@ -121,6 +133,23 @@ def sweep(
         analysis = analyse_map(dataset, expected=known_transitions(loaded, wanted.stage))
         result = sweep_result(dataset, analysis, _inputs(chain, loaded), wanted.findings())
         folder.add(map_files(result, dataset, analysis))
+    results.show(result, folder)
+
+
+def _flicker_map(
+    options: ChainOptions, results: Results, name: str, over: Axes, stage: str | None, row_time_s: float
+) -> None:
+    """Map the flicker of the pulsed lamp in a scene."""
+    from ..evaluate.flicker.predicted import map_files as flicker_files
+    from ..evaluate.flicker.predicted import map_result, predict_flicker
+
+    if options.contrast is not None:
+        raise InputError("--flicker compares no regions: leave --contrast out")
+    loaded = Chain.load(name).with_(**dict(options.changes))
+    with results.folder(name) as folder:
+        dataset = predict_flicker(loaded, over, stage=stage, row_time_s=row_time_s)
+        result = map_result(dataset, _inputs(name, loaded))
+        folder.add(flicker_files(result, dataset))
     results.show(result, folder)
 
 

@@ -16,6 +16,7 @@ from labcdp.chain import Chain
 from labcdp.regions import RectangleShape, save_regions
 from labcdp.session import Session, example_session
 
+from ..chain.test_lamp_scene import DOCUMENT
 from ..evaluate.video.videos import driving, write
 from .conftest import results_of, rows_of
 
@@ -265,3 +266,10 @@ def test_the_flicker_of_a_video(labcdp, drive):
         done = labcdp("video", drive, "--roi", "rois.json", *more, "-o", "none")
         assert done.returncode == 1
         assert why in " ".join(done.stderr.split())
+
+
+def test_a_map_of_flicker(labcdp, tmp_path):
+    Chain.from_document(DOCUMENT, "lamp").save(tmp_path / "lamp.toml")
+    done = labcdp("sweep", "lamp.toml", "--flicker", "--over", "exposure.exposure_s=0.001,0.011", "--json")
+    assert [row["mmp"] < 0.5 for row in rows_of(done, "flicker")] == [True, False]
+    assert (tmp_path / "lamp-sweep" / "figures" / "map.png").exists()

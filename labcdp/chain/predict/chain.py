@@ -13,6 +13,7 @@ from ...core.errors import InputError, PredictionError
 from ..chain import Chain
 from ..colour import SeenPlane, seen_planes, seen_sensor
 from ..isp import CodeCurve
+from ..scene.lamp import LampScene, light_of_frame
 from ..scene.scene import Scene
 from ..scene.spectra import spectra_of
 from ..sensor import Sensor
@@ -23,6 +24,8 @@ from .pairs import ExactPrediction
 from .prediction import PatchRates, predict
 
 FloatArray = NDArray[np.float64]
+#: Phases of a pulsed lamp at random.
+_PHASES = 64
 
 
 def predict_chain(
@@ -64,6 +67,8 @@ def predict_chain(
     sensor, name = sensor_of_stage(chain, stage or chain.stage_names[-1])
     camera = camera_of_stage(chain, seen_sensor(sensor, chain.spectrum), name)
     cells = scenes_of_cells(chain.scene, scenes or {})
+    if isinstance(chain.scene, LampScene):
+        return _over_phases(chain, cells, camera, contrast, epsilon)
     levels, shares, pair = scene_levels(cells)
     front = chain.front(levels, shares)
     # Of a single capture, its own.
@@ -80,6 +85,31 @@ def predict_chain(
         dark, bright = (front.values[:, index] * per_lx_s for index in pair)
         rates = PatchRates(dark, bright, veil_e_s)
     return predict(camera, rates, contrast, epsilon)
+
+
+def _over_phases(
+    chain: Chain, cells: Sequence[Any], camera: CameraModel, contrast: ArrayLike | None, epsilon: float
+) -> ExactPrediction:
+    """Predict a pulsed lamp and its surroundings: at its phase, or the mean over all phases of a lamp at random."""
+    if is_mixed(chain):
+        raise PredictionError("a pulsed lamp behind a lens that blurs cannot be predicted: simulate, or set no blur")
+    levels, shares, pair = scene_levels(cells)
+    phases = [cell.at_phases(_PHASES) for cell in cells]
+    frames = [light_of_frame(scene, chain.exposures_s, 0) for scenes in phases for scene in scenes]
+    seen = np.array([[level.luminance_cd_m2 for level in frame.levels()] for frame in frames])
+    seen_shares = np.repeat(shares, len(phases[0]), axis=0)
+    front = chain.front(seen, seen_shares)
+    per_lx_s = camera.sensor.electrons_per_lx_s(chain.spectrum)
+    targets = _scene_contrast(*(levels[:, index] for index in pair)) if contrast is None else np.asarray(contrast)
+    n_targets = np.broadcast_shapes(targets.shape, (len(cells),))[0]
+    n_phases = len(phases[0])
+    rates = [np.reshape(front.values[:, index] * per_lx_s, (len(cells), n_phases)) for index in pair]
+    veil = np.reshape(veil_lx(front, len(frames)) * per_lx_s, (len(cells), n_phases))
+    dark, bright, veil = (np.broadcast_to(array, (n_targets, n_phases)).ravel() for array in (*rates, veil))
+    wanted = np.repeat(np.broadcast_to(targets, (n_targets,)), n_phases)
+    each = predict(camera, PatchRates(dark, bright, veil), wanted, epsilon)
+    names = [field.name for field in fields(ExactPrediction)]
+    return ExactPrediction(*(np.reshape(getattr(each, name), (n_targets, n_phases)).mean(axis=1) for name in names))
 
 
 def _scene_contrast(dark: FloatArray, bright: FloatArray) -> FloatArray:

@@ -101,7 +101,7 @@ def flicker_page(
         if len(regions) > _FEW
         else "A lamp and the frame rate beat: how many phases of the lamp were seen decides how well an index is known."
     )
-    sections = [Section("Regions", [tables["flicker"], text])]
+    sections = [Section("Light over time", [time]), Section("Regions", [tables["flicker"], text])]
     sections += [Section("Beat between lamp and frames", others)] if others else []
     lost: list[Block] = [tables[name] for name in ("lost", "notes") if name in tables]
     sections += [Section("Frames without a value, and notes", lost, collapsed=True)] if lost else []
@@ -116,7 +116,6 @@ def flicker_page(
         "Flicker of a video",
         summary=_summary(dataset, regions),
         cards=_cards(regions),
-        lead=(time,),
         sections=sections,
     )
 

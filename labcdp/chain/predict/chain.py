@@ -105,9 +105,9 @@ def _over_phases(
     n_phases = len(phases[0])
     rates = [np.reshape(front.values[:, index] * per_lx_s, (len(cells), n_phases)) for index in pair]
     veil = np.reshape(veil_lx(front, len(frames)) * per_lx_s, (len(cells), n_phases))
-    dark, bright, veil = (np.broadcast_to(array, (n_targets, n_phases)).ravel() for array in (*rates, veil))
+    dark, bright, veils = (np.broadcast_to(array, (n_targets, n_phases)).ravel() for array in (*rates, veil))
     wanted = np.repeat(np.broadcast_to(targets, (n_targets,)), n_phases)
-    each = predict(camera, PatchRates(dark, bright, veil), wanted, epsilon)
+    each = predict(camera, PatchRates(dark, bright, veils), wanted, epsilon)
     names = [field.name for field in fields(ExactPrediction)]
     return ExactPrediction(*(np.reshape(getattr(each, name), (n_targets, n_phases)).mean(axis=1) for name in names))
 

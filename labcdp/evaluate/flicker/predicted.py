@@ -112,8 +112,8 @@ def predict_flicker(
     dims = tuple(axis.parameter for axis in axes)
     data = {}
     for name, column in VARIABLES.items():
-        values = np.reshape([cell[name] for cell in cells], shape)
-        data[name] = (dims, values, attributes_of(column, values))
+        numbers = np.reshape([cell[name] for cell in cells], shape)
+        data[name] = (dims, numbers, attributes_of(column, numbers))
     coordinates = {axis.parameter: ((axis.parameter,), np.array(axis.values), _axis_attributes(axis)) for axis in axes}
     attributes = {
         "title": f"{chain.name or 'chain'}: flicker of the lamp",
@@ -156,7 +156,7 @@ def _block(chains: Sequence[Chain], stage: str | None, limits: Mapping[str, floa
     # Steady lamps at the mean light, then at that of the brightest phase.
     n, background = len(scenes), [scene.background_cd_m2 for scene in scenes]
     means = [scene.luminance_cd_m2 for scene in scenes]
-    steady = {
+    steady: dict[str, list[Any]] = {
         "luminance_cd_m2": [*means, *brightest], "background_cd_m2": background * 2,
         "side_px": [scene.side_px for scene in scenes] * 2, "duty": [1.0] * 2 * n, "phase": [0.0] * 2 * n,
     }  # fmt: skip
@@ -183,7 +183,7 @@ def map_result(dataset: Dataset, inputs: Sequence[InputFile] = ()) -> Result:
         ),
         *VARIABLES.values(),
     ]
-    stacked = dataset.stack(cell=dataset.dims) if dataset.dims else dataset.expand_dims(cell=1)
+    stacked = dataset.stack(cell=list(dataset.dims)) if dataset.dims else dataset.expand_dims(cell=1)
     data: dict[str, Any] = {column.name: stacked[column.name].values.tolist() for column in columns}
     n_cells = len(data["mmp"])
     note = "Over all phases of the lamp, without random numbers. No compliance with IEEE 2020 is claimed."

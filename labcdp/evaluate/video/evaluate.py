@@ -28,7 +28,15 @@ from ...output import Destination, results_journal
 from ...report.text import finding_text
 from ..picture.converter import Converter, encoding_findings, make_converter
 from .dataset import as_json, frame_columns, recorded, video_dataset
-from .findings import first_finding, first_measured, reading_findings, second_is_brighter, video_findings
+from .findings import (
+    first_finding,
+    first_measured,
+    period_s,
+    pulsed_findings,
+    reading_findings,
+    second_is_brighter,
+    video_findings,
+)
 from .run import PartRun, VideoRun
 from .settings import Observer, Progress, VideoSettings, evaluation_head, load_reference
 
@@ -186,6 +194,7 @@ def _dataset(source: VideoSource, converter: Converter, part: PartRun) -> Datase
         *converter_findings(converter, source, readings),
         *_length_findings(source, part),
         *video_findings(columns, regions),
+        *pulsed_findings(columns, regions, period_s(columns["time_s"])),
         *_vignetting_findings(source, converter, settings.rois),
     ]
     for roi in settings.rois:

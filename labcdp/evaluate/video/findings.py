@@ -20,6 +20,8 @@ from .dataset import frame_findings, is_lost, note_text, reason_text
 if TYPE_CHECKING:
     from xarray import Dataset
 
+#: Frames and beats from which light that beats with the frames is named, and the least modulation of it.
+_FEWEST_FOR_BEAT, _FEWEST_BEATS, _NAMED_FMI = 24, 5.0, 0.02
 #: Most ranges of frames listed.
 _MOST_STRETCHES = 5
 #: Code under which a finding about a frame is counted in the findings about the video.
@@ -96,6 +98,39 @@ def video_findings(columns: Mapping[str, NDArray[Any]], regions: Sequence[str]) 
     n_second = int(np.count_nonzero(brighter))
     if 0 < n_second < brighter.size:
         findings.append(warning("brighter-region-changes", count=min(n_second, brighter.size - n_second)))
+    return findings
+
+
+def pulsed_findings(columns: Mapping[str, NDArray[Any]], regions: Sequence[str], interval_s: float) -> list[Finding]:
+    """Return a warning for each region whose light beats with the frames, as of a pulsed lamp.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray
+        As of `dataset.frame_columns`.
+    regions : sequence of str
+        Names of the regions; none for nearest neighbours.
+    interval_s : float
+        Usual distance of the frames; nan where it is not known.
+    """
+    if not regions or columns["frame"].size < _FEWEST_FOR_BEAT:
+        return []
+    from ...metrics.beat import find_wave
+    from ...metrics.modulation import modulation
+
+    findings, numbers = [], columns["frame"].astype(np.float64)
+    steps = np.diff(numbers)
+    for region, values in zip(regions, columns["mean"].T, strict=True):
+        known = np.isfinite(values)
+        if np.count_nonzero(known) < _FEWEST_FOR_BEAT or not modulation(values[known]) > _NAMED_FMI:
+            continue
+        wave = find_wave((numbers[known] - numbers[0]) / float(np.median(steps)), values[known])
+        # Slow changes are those of a scene.
+        if wave is None or wave.rate * wave.length < _FEWEST_BEATS or float(modulation(wave.smooth)) < _NAMED_FMI:
+            continue
+        about = {"fmi": float(modulation(values[known])), "beat_hz": wave.rate / interval_s}
+        code = "region-light-pulsed" if isfinite(about["beat_hz"]) else "region-light-pulsed-without-times"
+        findings.append(warning(code, region, **(about if isfinite(about["beat_hz"]) else {"fmi": about["fmi"]})))
     return findings
 
 

@@ -14,7 +14,8 @@ from labcdp.core.errors import InputError
 from labcdp.core.roi import Roi
 from labcdp.evaluate.flicker.page import evaluate_flicker, write_flicker
 from labcdp.evaluate.flicker.settings import FlickerSettings
-from labcdp.evaluate.video.evaluate import JOURNAL
+from labcdp.evaluate.video.evaluate import JOURNAL, evaluate_video
+from labcdp.evaluate.video.settings import VideoSettings
 
 SHAPE, RATE_HZ, EXPOSURE_S, ROW_TIME_S, WHITE = (48, 96), 25.0, 2e-3, 20e-6, 200.0
 LAMP = Roi.rectangle("lamp", 10, 10, 24, 24)
@@ -200,3 +201,16 @@ def test_what_cannot_be_used_is_refused(video, more, message):
         evaluate_flicker(video, settings(**more))
     with pytest.raises(InputError, match="no regions"):
         FlickerSettings()
+
+
+def test_a_pulsed_lamp_that_disturbs_a_cdp_is_named(video, tmp_path):
+    pair = VideoSettings((1.0,), (LAMP, STEADY), "fixed", encoding="linear")
+    findings = json.loads(evaluate_video(video, pair).attrs["findings"])
+    (pulsed,) = (finding for finding in findings if finding["code"] == "region-light-pulsed")
+    assert pulsed["subject"] == "lamp"
+    assert pulsed["values"]["beat_hz"] == pytest.approx(abs(FREQUENCY_HZ - 9 * RATE_HZ), abs=0.05)
+    # The light of a scene that changes slowly, and noise, are none.
+    ramp = [np.clip(frame * (0.6 + 0.01 * number), 0, 255).astype(np.uint8) for number, frame in
+            enumerate([rendered(1, seed=seed)[0] for seed in range(40)])]  # fmt: skip
+    findings = json.loads(evaluate_video(write(tmp_path / "ramp.avi", ramp), pair).attrs["findings"])
+    assert not [finding for finding in findings if finding["code"].startswith("region-light-pulsed")]

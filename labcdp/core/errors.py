@@ -125,7 +125,7 @@ class ConfigurationError(InputError):
     ...     Chain.from_toml("[scene]", "my-chain.toml")
     ... except ConfigurationError as error:
     ...     print(error)
-    my-chain.toml: scene.type is missing: give one of flat, checkerboard, step-chart, patches, image
+    my-chain.toml: scene.type is missing: give one of flat, checkerboard, step-chart, patches, image, lamp
     """
 
 

@@ -20,7 +20,7 @@ from ..core.result import InputFile, Result
 from ..evaluate.bench.calibrate import calibrate_recorded
 from ..evaluate.bench.calibration_page import calibration_files
 from ..evaluate.bench.calibration_result import calibration_result
-from ..evaluate.bench.certificate import calibration_certificate
+from ..evaluate.bench.certificate import calibration_certificate, calibration_dcc
 from ..evaluate.bench.corrections import UniformLight, require_same_optics
 from ..evaluate.bench.kept import OBSERVATIONS, keep_observations
 from ..evaluate.bench.session import SessionEvaluation, chosen_contrasts, evaluate_session, observe_calibrated
@@ -208,7 +208,10 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         written = folder.add(calibration_files(calibration, result))
         saved = SavedFile.of(folder.path(path.name))
         certified = calibration_certificate(observed[0], calibration, saved)
-        written += folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
+        files = {"certificate.html": certified, "results.json": envelope_json(result).encode()}
+        if (digital := calibration_dcc(observed[0], calibration, saved)) is not None:
+            files["certificate.xml"] = digital
+        written += folder.add(files)
     chosen = "" if results.output is None else f" --calibration {shell_word(path)}"
     following = (
         f"Saved: {', '.join(str(p) for p in (path, *written))}",

@@ -205,6 +205,10 @@ class PartyConfiguration(ConfigurationTable):
 
     name: Text = Field(description="a name as text")
     address: Text = Field(description="an address as text")
+    # With that of the laboratory, calibrations also have a digital certificate.
+    country: str | None = Field(
+        None, strict=True, pattern="^[A-Z]{2}$", description='the country as two letters (ISO 3166), for example "DE"'
+    )
 
 
 class GuessConfiguration(ConfigurationTable):

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from ..core.companding import Companding, shipped_curve, shipped_curves
-from ..core.disk import read_toml
+from ..core.disk import read_bytes, read_toml
 from ..core.disk.files import shown
 from ..core.errors import ConfigurationError, InputError, naming
 from ..core.frame import FILTER_NAMES, ColourFilter, Frame
@@ -345,6 +345,10 @@ class SourceConfiguration(ConfigurationTable):
 _DAYS_OF_YEAR = 365.2425
 
 
+#: Largest file of a certificate: digital ones may have pictures and a PDF inside.
+_MOST_BYTES = 64 * 2**20
+
+
 class MeterCertificate(ConfigurationTable):
     """Calibration certificate of a luminance meter: the link of its readings to the SI, with terms of ISO/IEC 17025.
 
@@ -392,14 +396,43 @@ class MeterCertificate(ConfigurationTable):
 
     @classmethod
     def load(cls, path: str | PathLike[str]) -> MeterCertificate:
-        """Read a certificate from a TOML file with the keys of ``[meter.certificate]``.
+        """Read a certificate from a TOML file with the keys of ``[meter.certificate]``, or a digital one (DCC, XML).
 
         Raises
         ------
         ConfigurationError
             If the file cannot be read, or a key or value is wrong.
         """
-        return validated(cls, read_toml(path, "a meter's certificate"), str(path))
+        from ..core.dcc import is_dcc, read_dcc
+        from .dcc import meter_certificate_values
+
+        data = read_bytes(path, "a meter's certificate", _MOST_BYTES, ConfigurationError)
+        if not is_dcc(data):
+            return validated(cls, read_toml(path, "a meter's certificate"), str(path))
+        with naming(str(path), ConfigurationError):
+            values = meter_certificate_values(read_dcc(data, "certificate"))
+        return validated(cls, values, str(path))
+
+    def to_dcc(self, meter: MeterIdentity) -> bytes:
+        """Return it as a digital calibration certificate of PTB (XML), with the luminances at the ends of its range.
+
+        Raises
+        ------
+        InputError
+            If it states no range.
+
+        Examples
+        --------
+        >>> from labcdp.core.reading import MeterIdentity
+        >>> from labcdp.session import MeterCertificate
+        >>> stated = {"number": "1234", "laboratory": "PTB", "date": "2026-03-31", "expanded_uncertainty_rel": 0.012}
+        >>> certificate = MeterCertificate(**stated, range_cd_m2=(1.0, 1000.0))
+        >>> certificate.to_dcc(MeterIdentity("LS-110", "4711"))[:36]
+        b"<?xml version='1.0' encoding='utf-8'"
+        """
+        from .dcc import meter_dcc
+
+        return meter_dcc(self, meter)
 
     @property
     def standard_uncertainty_rel(self) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from importlib.metadata import version
 from math import inf
 
 from ...calibration import AnyCalibration, Calibration
@@ -57,6 +58,71 @@ def calibration_certificate(observed: ObservedSession, calibration: AnyCalibrati
         *_statements(observed, text),
     )
     return _certificate("Calibration certificate", observed, calibration, saved, saved, sections)
+
+
+def calibration_dcc(observed: ObservedSession, calibration: AnyCalibration, saved: SavedFile) -> bytes | None:
+    """Return the certificate of a calibration as a digital calibration certificate (DCC), parameters as above.
+
+    The meter's luminances are the reference, those of the calibrated camera what was measured.
+
+    Returns
+    -------
+    bytes or None
+        XML; None if the configuration does not state the country of the laboratory.
+    """
+    configuration, state = observed.configuration, calibration.state
+    laboratory = configuration.laboratory
+    if laboratory is None or laboratory.country is None:
+        return None
+    from ...core.dcc import LUMINANCE, MEASURED, REFERENCE, CertifiedQuantity, DigitalCertificate, write_dcc
+
+    customer = configuration.customer or laboratory
+    every = (*calibration.residuals, *calibration.held_out)
+    rows = [row for row in every if row.luminance_cd_m2 > 0 and None not in (row.U_rel, row.k)]
+    meter_U, camera_U = ([], [])  # noqa: N806 - the symbol of the GUM
+    for row in rows:
+        meter_U.append(row.reading_cd_m2 * (row.reading_U_rel or 0.0))
+        camera_U.append(row.luminance_cd_m2 * (row.U_rel or 0.0))
+    names = ", ".join(row.patch for row in rows)
+    read, seen = tuple(row.reading_cd_m2 for row in rows), tuple(row.luminance_cd_m2 for row in rows)
+    quantities = (
+        CertifiedQuantity(f"luminance by the meter of {names}", REFERENCE, LUMINANCE, read, tuple(meter_U)),
+        CertifiedQuantity(
+            "luminance by the calibrated camera",
+            MEASURED,
+            LUMINANCE,
+            seen,
+            tuple(camera_U),
+            tuple(row.k or 2.0 for row in rows),
+        ),
+    )
+    simulated = state.camera.simulated or observed.meter_scale.meter.simulated
+    statements = [
+        sentence(traceability(observed.meter_scale, observed.times[-1])),
+        *warning_texts(calibration.findings),
+    ]
+    statements += ["Simulated devices: no measurement."] if simulated else []
+    stated = (f"{name}: {text}" for name, text in _conditions(observed, calibration))
+    certificate = DigitalCertificate(
+        number=saved.number,
+        begin=observed.times[0].date(),
+        end=observed.times[-1].date(),
+        laboratory=laboratory.name,
+        laboratory_address=laboratory.address,
+        country=laboratory.country,
+        customer=customer.name,
+        customer_address=customer.address,
+        person=configuration.operator,
+        item=f"camera with lens {lens_text(calibration.lens)}",
+        manufacturer=state.camera.vendor,
+        model=state.camera.model,
+        serial=state.camera.serial,
+        quantities=quantities,
+        method=f"{page_text('certificate-method-of-calibration', **_method(calibration))} {'; '.join(stated)}",
+        statements=tuple(map(sentence, statements)),
+        software=version("labcdp"),
+    )
+    return write_dcc(certificate)
 
 
 def verification_certificate(

@@ -15,13 +15,19 @@ from labcdp.calibration.budget import budget
 from labcdp.calibration.record import SavedFile, load_any, save, save_verification
 from labcdp.calibration.verify.history import histories
 from labcdp.calibration.verify.verify import verify
+from labcdp.core.dcc import LUMINANCE, MEASURED, REFERENCE, read_dcc
 from labcdp.core.errors import InputError
 from labcdp.core.frame import PLANES
 from labcdp.core.result import warning
 from labcdp.evaluate.bench.calibrate import calibrate_recorded, calibrate_session
 from labcdp.evaluate.bench.calibration_page import calibration_page
 from labcdp.evaluate.bench.calibration_result import PATCH_PIXELS, calibration_result
-from labcdp.evaluate.bench.certificate import calibration_certificate, certified_patches, verification_certificate
+from labcdp.evaluate.bench.certificate import (
+    calibration_certificate,
+    calibration_dcc,
+    certified_patches,
+    verification_certificate,
+)
 from labcdp.evaluate.bench.colours import session_colours
 from labcdp.evaluate.bench.history import by_camera, history_files, history_result
 from labcdp.evaluate.bench.observe import observe_session
@@ -387,3 +393,20 @@ def test_colours_of_a_session_are_those_of_the_cells_of_its_frames(recorded, tmp
 def test_a_session_without_colour_filter_has_no_colours(evaluation):
     with pytest.raises(InputError, match="no colour filter"):
         session_colours(evaluation)
+
+
+def test_a_calibration_has_a_digital_certificate_where_the_country_of_the_laboratory_is_stated(evaluated):
+    observed, calibration = evaluated.observed, evaluated.calibration
+    assert calibration_dcc(observed, calibration, SAVED) is None
+    laboratory = PartyConfiguration(name="Lab <1>", address="1 Street,\x07 Town", country="DE")
+    configuration = observed.configuration.model_copy(update={"laboratory": laboratory})
+    read = read_dcc(calibration_dcc(replace(observed, configuration=configuration), calibration, SAVED), "it")
+    assert (read.number, read.laboratory, read.country) == (SAVED.number, "Lab <1>", "DE")
+    assert read.laboratory_address == "1 Street,\ufffd Town"
+    assert read.serial == calibration.state.camera.serial
+    (meter,), (camera,) = read.of_kind(REFERENCE, LUMINANCE), read.of_kind(MEASURED, LUMINANCE)
+    rows = calibration.residuals
+    assert meter.values[: len(rows)] == pytest.approx([row.reading_cd_m2 for row in rows])
+    expanded = [row.luminance_cd_m2 * row.U_rel for row in rows]
+    assert camera.expanded[: len(rows)] == pytest.approx(expanded)
+    assert any("traceable" in text for text in read.statements), read.statements

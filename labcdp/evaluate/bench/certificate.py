@@ -97,10 +97,8 @@ def calibration_dcc(observed: ObservedSession, calibration: AnyCalibration, save
         ),
     )
     simulated = state.camera.simulated or observed.meter_scale.meter.simulated
-    statements = [
-        sentence(traceability(observed.meter_scale, observed.times[-1])),
-        *warning_texts(calibration.findings),
-    ]
+    traced = f"Traceability of the luminances: {traceability(observed.meter_scale, observed.times[-1])}"
+    statements = [traced, *warning_texts(calibration.findings)]
     statements += ["Simulated devices: no measurement."] if simulated else []
     stated = (f"{name}: {text}" for name, text in _conditions(observed, calibration))
     certificate = DigitalCertificate(

@@ -18,6 +18,7 @@ from ..core.disk.files import shown
 from ..core.errors import InputError
 from ..core.frame import ColourFilter
 from ..core.luminance import LuminanceMap
+from ..core.quantity import Quantity
 from ..core.result import Finding, html_table, unique
 from ..core.roi import Rectangle, Roi
 from ..evaluate.picture.converter import Converter, make_converter
@@ -361,6 +362,71 @@ class Image:
         measured = measure_sharpness(self.luminance, as_rois(regions, (width, height)), pixels=pixels)
         attributes = self.attributes(None, measured.findings) | {"title": "sharpness of a picture"}
         return described(sharpness_dataset(measured.edges, attributes))
+
+    def flare(
+        self,
+        source: Regions,
+        *,
+        background: Image | None = None,
+        illuminance_lx: Quantity | float | None = None,
+        direct: Image | None = None,
+        attenuation: Quantity | float = 1.0,
+        block_px: int = 16,
+    ) -> Dataset:
+        """Measure the stray light that a source makes beside itself.
+
+        Parameters
+        ----------
+        source : path, list of Roi, or dict
+            Regions of the source, as for `regions`; they are left out.
+        background : Image or None
+            The same without the source, which is subtracted.
+        illuminance_lx : Quantity, float or None
+            Illuminance by the source at the camera, for light over that; needs cd/m^2.
+        direct : Image or None
+            The source itself at the same place, not saturated; its relative light is that of the same exposure.
+        attenuation : Quantity or float
+            Factor by which the direct picture is darker, by a filter or a shorter exposure of relative light.
+        block_px : int
+            Side of the blocks of the map in pixels.
+
+        Returns
+        -------
+        xarray.Dataset
+            Over y and x the map, over radius the profile, mean and worst place; with standard uncertainties.
+
+        Raises
+        ------
+        InputError
+            As `labcdp.flare`, or if a region lies outside the picture.
+
+        Examples
+        --------
+        >>> import cv2
+        >>> import numpy as np
+        >>> import labcdp
+        >>> y, x = np.mgrid[:120, :160]
+        >>> light = np.minimum(200 / (1 + np.hypot(x - 79.5, y - 59.5) / 8) ** 2, 250)
+        >>> written = cv2.imwrite("lamp.png", light.round().astype(np.uint8))
+        >>> stray = labcdp.read_image("lamp.png", encoding="linear", black_level_dn=0).flare({"lamp": (60, 40, 40, 40)})
+        >>> bool(stray["stray_light_worst"] > 5 * stray["stray_light"][0, 0])
+        True
+        """
+        from ..evaluate.flare.tables import flare_dataset
+        from ..metrics.stray_light import flare
+
+        height, width = self.shape
+        unit = self.unit.replace("^2", "²")
+        lux, dims = (
+            Quantity(float(value), 0.0) if isinstance(value, int | float) else value
+            for value in (illuminance_lx, attenuation)
+        )
+        measured = flare(
+            self.luminance, as_rois(source, (width, height)), unit=unit, illuminance_lx=lux,
+            background=None if background is None else background.luminance,
+            direct=None if direct is None else direct.luminance, attenuation=dims, block_px=block_px,
+        )  # fmt: skip
+        return described(flare_dataset(measured, unit, self.attributes(None) | {"title": "flare of a picture"}))
 
     def to_dataset(self) -> Dataset:
         """Return luminance, its standard uncertainty and flags over y and x."""

@@ -23,6 +23,7 @@ NAMES = {
 COMMANDS = {
     "image": ["@.png", "--roi", "@.json"],
     "image-map": ["@.png", "--region-size", "10"],
+    "flare": ["@.png", "--source", "@.json"],
     "video": ["@.avi", "--roi", "@.json", "--method", "fixed", "--annotated", "--frames"],
     "simulate": ["@.toml"],
     "sweep": ["@.toml", "--exact", "--over", "scene.contrast=0.2,0.5"],

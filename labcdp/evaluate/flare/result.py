@@ -117,11 +117,11 @@ def evaluate_flare(settings: FlareSettings) -> tuple[Result, dict[str, bytes]]:
         if paths
     }  # fmt: skip
     block_px = settings.block_px or max(max(height, width) // _BLOCK_SHARE, _LEAST_BLOCK_PX)
-    found = flare(
+    measured = flare(
         light.map, settings.source, unit=light.unit, illuminance_lx=settings.illuminance_lx,
         attenuation=settings.attenuation, block_px=block_px, **{name: other.map for name, other in others.items()},
     )  # fmt: skip
-    result = _result(settings, found, light, others)
+    result = _result(settings, measured, light, others)
     attributes = {
         "title": "flare of a camera",
         "file": str(settings.pictures[0]),
@@ -129,25 +129,25 @@ def evaluate_flare(settings: FlareSettings) -> tuple[Result, dict[str, bytes]]:
         "labcdp_version": version("labcdp"),
     }
     return result, {
-        **result_files(result, _page(settings, found, result, light)),
-        "results.nc": dataset_bytes(flare_dataset(found, light.unit, attributes), "flare"),
+        **result_files(result, _page(settings, measured, result, light)),
+        "results.nc": dataset_bytes(flare_dataset(measured, light.unit, attributes), "flare"),
     }
 
 
-def _result(settings: FlareSettings, found: Flare, light: SceneLight, others: dict[str, SceneLight]) -> Result:
+def _result(settings: FlareSettings, measured: Flare, light: SceneLight, others: dict[str, SceneLight]) -> Result:
     findings = [*light.findings, *(finding for other in others.values() for finding in other.findings)]
     inputs = [*light.inputs("picture"), *(file for role, other in others.items() for file in other.inputs(role))]
     return Result(
         kind="flare",
         title=settings.pictures[0].name,
-        tables=flare_tables(found, light.unit),
-        findings=unique([*findings, *_findings(settings, found, light)]),
+        tables=flare_tables(measured, light.unit),
+        findings=unique([*findings, *_findings(settings, measured, light)]),
         inputs=(*inputs, *settings.inputs),
         configuration={
             "source": [roi.name for roi in settings.source],
             "illuminance_lx": _stated(settings.illuminance_lx),
             "attenuation": _stated(settings.attenuation),
-            "block_px": found.block_px,
+            "block_px": measured.block_px,
             "exposures_s": list(light.exposures_s),
             "conversion": settings.converter.description,
         },
@@ -159,13 +159,13 @@ def _stated(quantity: Quantity | None) -> dict[str, float] | None:
     return None if quantity is None else {"value": quantity.value, "U": quantity.U}
 
 
-def _findings(settings: FlareSettings, found: Flare, light: SceneLight) -> list[Finding]:
+def _findings(settings: FlareSettings, measured: Flare, light: SceneLight) -> list[Finding]:
     findings = []
     if settings.illuminance_lx is None and not settings.direct:
         findings.append(info("flare-without-reference"))
-    if found.saturated_share > 0:
-        findings.append(warning("flare-saturated", share=found.saturated_share))
-    worst = found.light.worst
+    if measured.saturated_share > 0:
+        findings.append(warning("flare-saturated", share=measured.saturated_share))
+    worst = measured.light.worst
     if not worst.value > worst.U:
         findings.append(warning("flare-in-noise"))
     outside = float(np.mean((light.map.invalid & Invalid.OUTSIDE_CALIBRATED) > 0))
@@ -174,7 +174,7 @@ def _findings(settings: FlareSettings, found: Flare, light: SceneLight) -> list[
     return findings
 
 
-def _page(settings: FlareSettings, found: Flare, result: Result, light: SceneLight) -> Page:
+def _page(settings: FlareSettings, measured: Flare, result: Result, light: SceneLight) -> Page:
     title = settings.pictures[0].name
     exposures = ", ".join(exposure_text(exposure) for exposure in light.exposures_s)
     facts = [
@@ -184,14 +184,14 @@ def _page(settings: FlareSettings, found: Flare, result: Result, light: SceneLig
     return Page.of(
         result,
         "Flare (stray light beside a source)",
-        cards=flare_cards(found, light.unit),
+        cards=flare_cards(measured, light.unit),
         lead=[
-            map_figure(found, light.map, settings.source, title, light.unit),
+            map_figure(measured, light.map, settings.source, title, light.unit),
             replace(result.table("places").showing(*_SHORT), note=""),
         ],
         sections=[
             Section("Mean, worst place and ghosts", result.tables_named("flare", "ghosts")),
-            Section("Radial profile", [profile_figure(found, light.unit), result.table("profile")]),
+            Section("Radial profile", [profile_figure(measured, light.unit), result.table("profile")]),
             Section("Provenance", [facts_table(facts)], collapsed=True),
         ],
     )

@@ -248,7 +248,8 @@ class ReadingRecorder:
         for _ in range(lacking):
             done += 1
             self._take(patch, done, total)
-        if lacking > 0:
+        # Readings that are typed, or of a file, are as many as they are.
+        if lacking > 0 and self._session.configuration.meter.is_connected:
             self._settle(patch, done, total)
 
     def _take(self, patch: str, done: int, total: int) -> None:

@@ -254,7 +254,7 @@ def lens_mtf(edges: Sequence[EdgeSfr], pixel_pitch_m: float) -> tuple[tuple[floa
     Notes
     -----
     The mean over the edges of response over that of the pixels, up to where noise or the pixels' own response leave too
-    little of it: where that is below 0.3, at 0.75 cycles/pixel, or the MTF below 0.05 or three times its uncertainty.
+    little of it: where that is below 0.3, at 0.75 cycles/pixel, or the MTF below 0.05 or three times its noise.
     Beyond it continues as the Gaussian through its last point. What sharpening adds is no lens: modulations above 1
     are 1.
 
@@ -269,11 +269,12 @@ def lens_mtf(edges: Sequence[EdgeSfr], pixel_pitch_m: float) -> tuple[tuple[floa
     """
     if not (isfinite(pixel_pitch_m) and pixel_pitch_m > 0):
         raise InputError(f"the pixel pitch is {pixel_pitch_m:g} m: give a length above 0, such as 3e-6")
-    mean = mean_sfr(edges)
-    frequency, pixels = mean.frequency, np.min([edge.pixel_response for edge in edges], axis=0)
+    frequency, pixels = mean_sfr(edges).frequency, np.min([edge.pixel_response for edge in edges], axis=0)
     each = [edge.response.value / np.maximum(edge.pixel_response, _LEAST_PIXEL / 2) for edge in edges]
     modulation = np.mean(each, axis=0)
-    u = mean.response.u / np.maximum(pixels, _LEAST_PIXEL / 2)
+    # By noise: edges that differ over the field are none the less known.
+    noise = np.sqrt(np.mean([edge.response.u**2 for edge in edges], axis=0) / len(edges))
+    u = noise / np.maximum(pixels, _LEAST_PIXEL / 2)
     weak = (modulation < np.maximum(_LEAST_MODULATION, 3 * u)) | (pixels < _LEAST_PIXEL)
     last = max(int(np.argmax(weak)) - 1, 1)
     modulation = np.minimum(modulation, 1.0)

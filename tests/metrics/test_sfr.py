@@ -201,3 +201,11 @@ def test_lens_mtf_behind_a_colour_filter_is_without_the_places_of_its_pixels(ang
     # As if each value were one square of 2 x 2 pixels it would be far off.
     alike = np.interp(lp_per_mm, *np.array(lens_mtf([sfr(luminance)], 3e-6)).T)
     assert np.abs(alike - expected).max() > 0.02
+
+
+def test_lens_mtf_of_unlike_edges_is_their_mean():
+    edges = [sfr(edge_image(100, 60, 5, sigma)) for sigma in (0.4, 0.9)]
+    lp_per_mm, modulation = np.array(lens_mtf(edges, 3e-6)).T
+    expected = np.mean([np.exp(-2 * (np.pi * sigma * 3e-3 * lp_per_mm) ** 2) for sigma in (0.4, 0.9)], axis=0)
+    measured = lp_per_mm < 0.6 / 3e-3
+    np.testing.assert_allclose(modulation[measured], expected[measured], atol=2e-3)

@@ -52,6 +52,8 @@ class FileMeter(Meter):
         Its accuracy by data sheet or certificate.
     """
 
+    live = False
+
     def __init__(self, path: str | PathLike[str], identity: MeterIdentity, accuracy: MeterAccuracy) -> None:
         self._path = Path(path)
         self._identity = identity

@@ -235,6 +235,8 @@ class ManualMeter(Meter):
     12.3
     """
 
+    live = False
+
     def __init__(self, ask: Callable[[str], str], identity: MeterIdentity, accuracy: MeterAccuracy) -> None:
         self._ask = ask
         self._identity = identity

@@ -144,6 +144,9 @@ class Meter(Device, Protocol):
     True
     """
 
+    #: Whether it takes as many readings as are wanted; False if a person, a file or a recording gives them.
+    live: bool = True
+
     @property
     def identity(self) -> MeterIdentity:
         """Model, serial number and calibration date."""

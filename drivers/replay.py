@@ -259,6 +259,8 @@ class ReplayMeter(_Replay, Meter):
     #: Recorded readings not requested so far; none before the first `open`.
     unused: Sequence[ReadingRecord] = ()
 
+    live = False
+
     def open(self) -> Self:
         """Read the session's journal.
 

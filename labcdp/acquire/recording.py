@@ -248,8 +248,8 @@ class ReadingRecorder:
         for _ in range(lacking):
             done += 1
             self._take(patch, done, total)
-        # Readings that are typed, or of a file, are as many as they are.
-        if lacking > 0 and self._session.configuration.meter.is_connected:
+        # Readings that are typed, or of a file or a recording, are as many as they are.
+        if lacking > 0 and getattr(self._meter, "live", True):
             self._settle(patch, done, total)
 
     def _take(self, patch: str, done: int, total: int) -> None:

@@ -13,7 +13,10 @@ from labcdp.acquire import AcquisitionStoppedError, Control, is_complete
 from labcdp.cli.app import EndedBySignal
 from labcdp.core.errors import InputError, SessionError
 from labcdp.drivers.camera import MOST_REFUSED, CameraNotFoundError, CameraSettingError, IncompleteFrameError
+from labcdp.drivers.file_meter import FileMeter
+from labcdp.drivers.manual import ManualMeter
 from labcdp.drivers.meter import MeterError
+from labcdp.drivers.replay import ReplayMeter
 from labcdp.session.configuration import ContrastConfiguration
 from labcdp.session.tables import MeterCertificate
 
@@ -340,3 +343,12 @@ def test_light_that_never_settles_ends_the_wait_after_some_readings(changed, on_
         dropped = [event for event in on.events("superseded") if "still changed by" in event["reason"]]
         assert len(dropped) == 20
         assert is_complete(on.session)
+
+
+def test_readings_that_a_person_or_a_recording_gives_are_not_waited_for(changed, on_bench):
+    with on_bench(changed(["P12"])) as on:
+        on.bench.schedule("at 0.1 s light -99% in 60 s")
+        on.meter.live = False
+        on.acquire(Hands(on.bench))
+        assert not [event for event in on.events("superseded") if "still changed by" in event["reason"]]
+    assert {ReplayMeter.live, ManualMeter.live, FileMeter.live} == {False}

@@ -1,6 +1,7 @@
 """Packets that come again, rightly or not, and packets that a switch does not take, on a simulated camera's wire."""
 
 import socket
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -110,3 +111,15 @@ def test_no_socket_is_left(sender):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind((sender.address, 0))
     assert (sender._resend, sender._path) == (None, None)
+
+
+@pytest.mark.parametrize("packet_resend", ["always", "never"])
+def test_frames_of_one_packet_come_on_where_their_ids_of_16_bits_run_over(aravis, packet_resend):
+    """Aravis' simulator counts from about 65401."""
+    device = SimulatedDevice("SIM-1", width=32, height=16, frame_rate_hz=400)
+    with SimulatedGigECamera(device, Rows((16, 32))), AravisCamera("127.0.0.1", packet_resend=packet_resend) as camera:
+        camera.configure(exposure_s=1e-4, pixel_format="Mono12")
+        assert camera.feature("GevSCPSPacketSize") - 36 > 32 * 16 * 2
+        ids = [frame.frame_id for frame in camera.grab(200)]
+    assert ids[0] > ids[-1] > 0
+    assert all(after == before % 0xFFFF + 1 for before, after in pairwise(ids))

@@ -85,6 +85,7 @@ def bench(
     *,
     calibration: Path | None = None,
     roi: Path = Path("bench.rois.json"),
+    flicker: bool = False,
 ) -> None:
     """Show camera and meter live in the browser: regions, luminance and CDP of the current image.
 
@@ -101,6 +102,8 @@ def bench(
         Calibration file, for values in cd/m².
     roi
         Region file to start from and save to; if it does not exist, start with the patches of the plan.
+    flicker
+        Show the flicker of the chosen regions over the last 1200 frames: MMP, FMI, phases and beat.
     """
     converter = make_converter(calibration)
     configuration = None if plan is None else SessionConfiguration.load(plan)
@@ -114,7 +117,7 @@ def bench(
             page.served(end, where)
 
         with chosen.opened(configuration) as (camera, devices):
-            live, workspace = _bench(camera, devices, converter, roi, detection, server)
+            live, workspace = _bench(camera, devices, converter, roi, detection, server, flicker)
             try:
                 server.run(
                     Site(
@@ -140,6 +143,7 @@ def _bench(
     roi: Path,
     detection: Detection,
     server: Server,
+    flicker: bool,
 ) -> tuple[LiveBench, Workspace]:
     """Return the bench, with the settings of the plan and its middle exposure, and the regions to begin with."""
     plan = devices.plan
@@ -161,7 +165,7 @@ def _bench(
     target = Target(detection.contrast, EPSILON if detection.epsilon is None else detection.epsilon)
     planned = planned_pairs(plan, detection.contrast, detection.epsilon)
     streaming = LiveCamera(camera, settings, prepare, stated)
-    live = LiveBench(streaming, converter, devices, server, target, planned, DayLog(roi))
+    live = LiveBench(streaming, converter, devices, server, target, planned, DayLog(roi), flicker)
     files = DrawingFiles(roi, (frame.dn.shape[1], frame.dn.shape[0]))
     first = live.measurements(live.images.image(frame))
     return live, Workspace(first, files, _start(files, plan), server.elsewhere)

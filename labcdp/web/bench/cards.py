@@ -107,6 +107,30 @@ def pair_card(bench: LiveBench) -> str:
     return _card(title, f"{value} <small>{verdict}</small>", state, words, target_text, raw=True)
 
 
+def flicker_card(bench: LiveBench) -> str:
+    """Write the card of the flicker of the chosen regions, of which that with the lowest MMP; empty if not wanted."""
+    if bench.flicker is None:
+        return ""
+    known = {name: flicker for name, flicker in bench.flicker.items() if isfinite(flicker.mmp.value)}
+    if not known:
+        n_frames = bench.flicker_trace.n_frames
+        return _card("Flicker", "…", "open", f"{n_frames} frames" if n_frames else "choose a region")
+    name = min(known, key=lambda name: known[name].mmp.value)
+    flicker = known[name]
+    (low, high), (fmi_low, fmi_high) = flicker.mmp.interval, flicker.fmi.interval
+    few = flicker.few_phases and flicker.wave is not None
+    beat = f", beat {significant(flicker.beat_hz)} Hz" if isfinite(flicker.beat_hz) else ""
+    return _card(
+        f"Flicker: {name}",
+        f"MMP {flicker.mmp.value:.3f} <small>{'too few phases' if few else ''}</small>",
+        "open" if few else "good" if flicker.mmp.value == 1 else "bad",
+        f"95 % interval {low:.3f} to {high:.3f}",
+        f"FMI {flicker.fmi.value:.3f} ({fmi_low:.3f} to {fmi_high:.3f})",
+        f"{flicker.n_evaluated} frames, {flicker.n_phases:.0f} phases{beat}",
+        raw=True,
+    )
+
+
 def planned_table(bench: LiveBench) -> str:
     """Write the pairs of the plan at a glance; a click chooses one."""
     chosen = set(bench.workspace.drawing.pair)

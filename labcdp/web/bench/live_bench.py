@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 from itertools import cycle, product
@@ -26,6 +26,7 @@ from ..regions.page_image import PageImage
 from ..regions.workspace import Workspace
 from .day_log import DayLog, SettingsInForce
 from .desk import BenchOfPage, MeterDesk, name_of
+from .flicker import FlickerTrace
 from .images import LiveImages, fit_exposure
 from .live_camera import LiveCamera
 from .pair import LiveMeasurements, PairPoint, PlannedPair, Target, Trace, cdp_curve, pair_points, snapshots_of
@@ -34,11 +35,14 @@ from .recording import PageOperator, Recording, with_regions
 if TYPE_CHECKING:
     from ...acquire import Progress
     from ...evaluate.picture.converter import Converter
+    from ...metrics.modulation import Flicker
     from ...metrics.pair import Pair
     from ..server import Server
 
 #: Seconds between two curves of the CDP.
 _CURVE_S = 2.0
+#: Seconds between two evaluations of flicker.
+_FLICKER_S = 3.0
 #: Longest wait for a recording that was stopped.
 _END_S = 120.0
 
@@ -62,6 +66,8 @@ class LiveBench:
         Pairs that are shown at a glance.
     log : DayLog
         Keeps readings, snapshots and settings.
+    flicker : bool
+        Whether the flicker of the chosen regions is shown.
     """
 
     def __init__(
@@ -73,6 +79,7 @@ class LiveBench:
         target: Target,
         planned: Sequence[PlannedPair],
         log: DayLog,
+        flicker: bool = False,
     ) -> None:
         self.camera, self.plan = camera, devices.plan
         lens = None if devices.plan is None else devices.plan.optics
@@ -94,6 +101,12 @@ class LiveBench:
         self.trace = Trace()
         self._curve: tuple[tuple[object, ...], NDArray[Any], NDArray[Any]] = ((), np.empty(0), np.empty(0))
         self._curve_s = 0.0
+        #: Flicker of the chosen regions, by their names, in the frames so far; None if it is not wanted.
+        self.flicker: Mapping[str, Flicker] | None = {} if flicker else None
+        self.flicker_trace = FlickerTrace(self._chosen_rois, lambda: self.images.black_dn)
+        self._flicker_s = 0.0
+        if flicker:
+            camera.watchers.append(self.flicker_trace.add)
         #: Work in progress.
         self.busy = ""
         #: The one page that may change anything, and its name, which a tab of a browser keeps while it reloads.
@@ -334,6 +347,20 @@ class LiveBench:
             self._server.call(partial(self.workspace.select, patch))
         self._tell()
 
+    def _chosen_rois(self) -> tuple[Roi, ...]:
+        """Return the regions of the chosen pair, or else the selected one."""
+        if self._workspace is None:
+            return ()
+        drawing, selected = self._workspace.drawing, self._workspace.selected
+        return drawing.pair_rois or tuple(roi for roi in drawing.rois if roi.name == selected)
+
+    def _follow_flicker(self) -> None:
+        """Evaluate the flicker of the chosen regions now and then."""
+        if self.flicker is None or monotonic() - self._flicker_s < _FLICKER_S:
+            return
+        self._flicker_s = monotonic()
+        self._server.elsewhere(self.flicker_trace.measured(), partial(setattr, self, "flicker"), lambda: None)
+
     def _work(self, what: str, steps: Iterator[str]) -> None:
         self.busy = what
 
@@ -353,6 +380,7 @@ class LiveBench:
     def _follow(self) -> None:
         """Add the newest result of the pair to the trace, and now and then compute its curve."""
         self._note_settings()
+        self._follow_flicker()
         measured = self.workspace.measured
         if measured is self._measured:
             return

@@ -69,6 +69,8 @@ class LiveCamera:
         self._accepted = dict(settings)
         self._features_asked = True
         self._read_s = 0.0
+        #: Called with each frame, in the camera's thread.
+        self.watchers: list[Callable[[Frame], None]] = []
         self._thread = Thread(target=self._run, name="live camera", daemon=True)
 
     @property
@@ -226,7 +228,10 @@ class LiveCamera:
         live, now_s = self._live, monotonic()
         period_s = max(now_s - live.received_s, 1e-6)
         rate_hz = 1 / (_NEWEST * period_s + (1 - _NEWEST) / live.rate_hz) if live.rate_hz else 1 / period_s
-        self._publish(frame=self._stated(frame), n_frames=live.n_frames + 1, received_s=now_s, rate_hz=rate_hz)
+        stated = self._stated(frame)
+        for watcher in self.watchers:
+            watcher(stated)
+        self._publish(frame=stated, n_frames=live.n_frames + 1, received_s=now_s, rate_hz=rate_hz)
 
     def _refuse(self, _error: IncompleteFrameError) -> None:
         self._publish(n_incomplete=self._live.n_incomplete + 1)

@@ -23,6 +23,7 @@ from .cards import (
     camera_card,
     contrast_card,
     contrast_table,
+    flicker_card,
     meter_card,
     pair_card,
     planned_table,
@@ -158,7 +159,7 @@ class BenchPage:
     def update(self) -> None:
         """Refresh the tab."""
         bench = self.bench
-        cards = (camera_card(bench), pair_card(bench), contrast_card(bench), meter_card(bench))
+        cards = (camera_card(bench), pair_card(bench), contrast_card(bench), flicker_card(bench), meter_card(bench))
         with self._page.quietly():
             self._pause.value = bench.images.paused
         self._strip.object = f"<div class='strip'>{''.join(cards)}</div>"

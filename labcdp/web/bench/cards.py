@@ -124,8 +124,7 @@ def flicker_card(bench: LiveBench) -> str:
         f"Flicker: {name}",
         f"MMP {flicker.mmp.value:.3f} <small>{'too few phases' if few else ''}</small>",
         "open" if few else "good" if flicker.mmp.value == 1 else "bad",
-        f"95 % interval {low:.3f} to {high:.3f}",
-        f"FMI {flicker.fmi.value:.3f} ({fmi_low:.3f} to {fmi_high:.3f})",
+        f"95 %: {low:.3f} to {high:.3f}; FMI {flicker.fmi.value:.3f} ({fmi_low:.3f} to {fmi_high:.3f})",
         f"{flicker.n_evaluated} frames, {flicker.n_phases:.0f} phases{beat}",
         raw=True,
     )

@@ -27,6 +27,9 @@ def probabilities() -> float:
     separation: labcdp.metrics.ColourSeparation = labcdp.colour_separation(red, green)
     assert separation.distance.value > 2
     y, x = np.mgrid[:60, :60]
+    lamp = labcdp.Roi.rectangle("lamp", 32, 16, 16, 16)
+    stray: labcdp.metrics.Flare = labcdp.flare(np.full((64, 96), 2.0), [lamp])
+    assert stray.light.mean.value > 1
     assert labcdp.sfr(10 + 90 * np.clip(x - 33 + 0.1 * y, 0, 1)).mtf50.value > 0.1
     assert float(matrix.cdp.sel(bright="bright", dark="dark")) == one.cdp
     return number + float(array.sum()) + float(neighbours.cdp.mean())

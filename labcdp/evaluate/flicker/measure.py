@@ -68,7 +68,7 @@ def measure_flicker(dataset: Dataset, settings: Mapping[str, Any]) -> list[Regio
     Raises
     ------
     InputError
-        If no frame is left beside those with the lamp off, or none of those has a value.
+        If no frame is left beside those with the lamp off, or there are none of those.
     """
     numbers, times = dataset["frame"].values, dataset["time_s"].values.astype(np.float64)
     off_frames = np.zeros(numbers.size, dtype=bool)
@@ -91,10 +91,9 @@ def _region(
     off = None
     if off_frames.any():
         dark = values[off_frames & np.isfinite(values)]
-        if not dark.size:
-            raise InputError(f"region {name!r} has no value in the frames with the lamp off: give others")
-        u = float(dark.std(ddof=1)) / sqrt(dark.size) if dark.size > 1 else 0.0
-        off = Quantity(float(dark.mean()), u)
+        if dark.size:  # a dark room leaves none: the FDI has no value, the other indices have
+            u = float(dark.std(ddof=1)) / sqrt(dark.size) if dark.size > 1 else 0.0
+            off = Quantity(float(dark.mean()), u)
     counted = ~off_frames
     kept_times = times[counted]
     regular = np.isfinite(kept_times).all() and (np.diff(kept_times) > 0).all()

@@ -108,12 +108,18 @@ def record_regions(
     Raises
     ------
     InputError
-        If the video or a region cannot be used, or no frame has a value.
+        If the video or a region cannot be used, no frame has a value, or the frequency of a lamp is given for images
+        that state no times.
     CalibrationError
         If the calibration is not for such frames.
     """
     source, converter = opened_for(path, settings)
     require_regions_in(source, settings)
+    if settings.frequency_hz is not None and any(finding.code == "image-sequence" for finding in source.findings):
+        raise InputError(
+            f"{source.path}: the images state no times, which the frequency of the lamp needs: leave it out, "
+            "or make a video of them with its frame rate"
+        )
     head = {"video": source.sha256, "flicker": True, **evaluation_head(settings, None)}
     with results_journal(folder, "video", JOURNAL, head, "evaluation") as journal:
         part = RegionRun(settings, converter, None, journal, None)

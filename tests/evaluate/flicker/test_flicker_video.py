@@ -147,6 +147,28 @@ def test_a_locked_lamp_is_named(tmp_path):
     assert lamp.flicker.fmi.interval.high == 1
 
 
+def test_a_dark_room_leaves_out_the_fdi_alone(tmp_path):
+    frames = rendered(60, n_off=10, noise_dn=0.0)
+    for frame in frames[:10]:
+        frame[10:34, 10:34] = 0
+    dataset, (lamp, steady) = evaluate_flicker(write(tmp_path / "a.avi", frames), settings(off_frames=(0, 10)))
+    means = np.array([frame[10:34, 10:34].mean() for frame in frames[10:]])
+    expected = (means.max() - means.min()) / (means.max() + means.min())
+    assert lamp.off is None
+    assert np.isnan(lamp.flicker.fdi.value)
+    assert lamp.flicker.fmi.value == pytest.approx(expected)
+    assert steady.off is not None
+    codes = {finding["code"] for finding in json.loads(dataset.attrs["findings"])}
+    assert "flicker-without-off" in codes
+
+
+def test_the_frequency_of_a_lamp_needs_times(tmp_path):
+    for number, frame in enumerate(rendered(5)):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), frame)
+    with pytest.raises(InputError, match="the images state no times, which the frequency of the lamp needs"):
+        evaluate_flicker(tmp_path, settings(LAMP, frequency_hz=90.0))
+
+
 def test_regions_are_tracked(tmp_path):
     rng = np.random.default_rng(2)
     ground = cv2.GaussianBlur(rng.normal(90, 60, (120, 200)), (0, 0), 2)

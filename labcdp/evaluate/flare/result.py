@@ -163,6 +163,9 @@ def _findings(settings: FlareSettings, measured: Flare, light: SceneLight) -> li
     findings = []
     if settings.illuminance_lx is None and not settings.direct:
         findings.append(info("flare-without-reference"))
+    if len(light.sources) > 1 and settings.converter.options.override("exposure_s") is not None:
+        exposure_s = float(settings.converter.options.override("exposure_s"))
+        findings.append(warning("flare-one-exposure", exposure_s=exposure_s, count=len(light.sources)))
     if measured.saturated_share > 0:
         findings.append(warning("flare-saturated", share=measured.saturated_share))
     worst = measured.light.worst

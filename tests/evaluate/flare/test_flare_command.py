@@ -187,3 +187,12 @@ def test_refusals(labcdp, lamp, arguments, message):
     assert done.returncode == 1
     assert message in done.stderr
     assert not (lamp / "out").exists()
+
+
+def test_one_exposure_for_several_pictures_is_warned_of(labcdp, lamp):
+    done = labcdp(
+        "flare", "lamp-0-0.tif", "lamp-2-0.tif", "--source", "lamp.json", "--exposure", "5ms", "--bit-depth", "12",
+        "--black-level", str(BLACK_DN), "--no-vignetting", "--output", "one",
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "all 2 pictures count as taken at 5 ms, as given" in done.stderr

@@ -139,9 +139,9 @@ class DigitalCertificate:
     statements: tuple[str, ...] = ()
     software: str = ""
 
-    def of_kind(self, kind: str, unit: str) -> tuple[CertifiedQuantity, ...]:
+    def quantities_of_kind(self, kind: str, unit: str) -> tuple[CertifiedQuantity, ...]:
         """Return the quantities of a kind and unit."""
-        return tuple(one for one in self.quantities if kind in one.kind.split() and _same_unit(one.unit, unit))
+        return tuple(q for q in self.quantities if kind in q.kind.split() and _same_unit(q.unit, unit))
 
 
 def is_dcc(data: bytes) -> bool:

@@ -188,7 +188,9 @@ def flicker(
         measured = _Indices(*(float(index[0]) for index in bands.indices(signal[None], np.array([off_light.value]))))
         wave = find_wave(positions[known], signal, rate)
         fmi, fdi, mmp = (
-            _of_independent_frames(signal, measured, u) if wave is None else _of_wave(wave, measured, off_light, bands)
+            _independent_indices(signal, measured, u)
+            if wave is None
+            else _wave_indices(wave, measured, off_light, bands)
         )
     return Flicker(
         fmi, fdi, mmp, high, low, mean, x.size, signal.size, off_light.value, *bands, wave=wave,
@@ -266,7 +268,7 @@ def modulation(values: _Array) -> _Array:
     return np.asarray(ratio)
 
 
-def _of_wave(wave: Wave, measured: _Indices, off: Quantity, bands: _Bands) -> list[Quantity]:
+def _wave_indices(wave: Wave, measured: _Indices, off: Quantity, bands: _Bands) -> list[Quantity]:
     """Return the indices with the intervals that simulated recordings give."""
     rng = np.random.default_rng(0)
     light, noise = wave.at((np.arange(_GRID) + 0.5) / _GRID)
@@ -320,7 +322,7 @@ def _undefined(is_fmi: bool) -> Quantity:
     return Quantity(nan, nan, note="no light" if is_fmi else "no light of the lamp when it is off")
 
 
-def _of_independent_frames(values: _Array, measured: _Indices, u: float | None) -> list[Quantity]:
+def _independent_indices(values: _Array, measured: _Indices, u: float | None) -> list[Quantity]:
     """Return the indices with the intervals of frames at random."""
     n_independent = values.size / _inflation(values)
     quantities = [_fmi_at_random(values, measured.fmi, u)]

@@ -193,7 +193,7 @@ def flare(
     worst = int(np.nanargmax(np.where(places.block_is_free, means[2].value, -np.inf)))
     stray, normalised = _stray_light(means, places, worst, unit), None
     if direct is not None:
-        seen = _of_source(_as_map(direct, "the direct picture", picture.shape), places.source)
+        seen = _source_means(_as_map(direct, "the direct picture", picture.shape), places.source)
         dims = attenuation or Quantity(1.0, 0.0)
         over = [part.over(seen) for part in means]
         normalised = _stray_light(over, places, worst, "").scaled(1 / dims.value, dims.u / dims.value, "")
@@ -432,7 +432,7 @@ def _noise_variance(values: _Array, group: NDArray[np.intp], n_groups: int) -> _
     return np.where(count > 0, np.bincount(at, squares, n_groups) / np.maximum(count, 1), whole)
 
 
-def _of_source(direct: LuminanceMap, inside: NDArray[np.bool_]) -> _Means:
+def _source_means(direct: LuminanceMap, inside: NDArray[np.bool_]) -> _Means:
     """Light of a source: the median of its pixels, with the errors of their mean."""
     values = np.where(inside, np.asarray(direct.luminance_cd_m2, dtype=np.float64), nan)
     if np.any((direct.invalid[inside] & Invalid.SATURATED) > 0):

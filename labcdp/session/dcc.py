@@ -61,8 +61,8 @@ def meter_certificate_values(certificate: DigitalCertificate) -> dict[str, Any]:
     >>> round(values["correction"], 4), round(values["expanded_uncertainty_rel"], 4), values["range_cd_m2"]
     (1.01, 0.0099, (10.1, 101.0))
     """
-    references = certificate.of_kind(REFERENCE, LUMINANCE)
-    measured = certificate.of_kind(MEASURED, LUMINANCE)
+    references = certificate.quantities_of_kind(REFERENCE, LUMINANCE)
+    measured = certificate.quantities_of_kind(MEASURED, LUMINANCE)
     if not references or len(references) != len(measured):
         raise InputError(
             f"it has {len(references)} luminances {REFERENCE} and {len(measured)} {MEASURED} in cd/m²: give its values "
@@ -105,10 +105,13 @@ def _points(reference: CertifiedQuantity, measured: CertifiedQuantity) -> Sequen
     if min(*reference.values, *measured.values) <= 0:
         raise InputError("it has a luminance that is not above 0: give its values in a TOML file")
     parts = [
-        [U / value for U, value in zip(one.expanded or (0.0,) * n, one.values, strict=True)]
-        for one in (reference, measured)
+        [U / value for U, value in zip(quantity.expanded or (0.0,) * n, quantity.values, strict=True)]
+        for quantity in (reference, measured)
     ]
-    factors = [one.coverage_factors * (n if len(one.coverage_factors) == 1 else 1) for one in (reference, measured)]
+    factors = [
+        quantity.coverage_factors * (n if len(quantity.coverage_factors) == 1 else 1)
+        for quantity in (reference, measured)
+    ]
     k = factors[0] if reference.expanded else factors[1]
     U_rel = [hypot(a, b) for a, b in zip(*parts, strict=True)]  # noqa: N806 - the symbol of the GUM
     return list(zip(reference.values, measured.values, U_rel, k, strict=True))

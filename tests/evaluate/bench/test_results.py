@@ -404,7 +404,7 @@ def test_a_calibration_has_a_digital_certificate_where_the_country_of_the_labora
     assert (read.number, read.laboratory, read.country) == (SAVED.number, "Lab <1>", "DE")
     assert read.laboratory_address == "1 Street,\ufffd Town"
     assert read.serial == calibration.state.camera.serial
-    (meter,), (camera,) = read.of_kind(REFERENCE, LUMINANCE), read.of_kind(MEASURED, LUMINANCE)
+    (meter,), (camera,) = (read.quantities_of_kind(kind, LUMINANCE) for kind in (REFERENCE, MEASURED))
     rows = calibration.residuals
     assert meter.values[: len(rows)] == pytest.approx([row.reading_cd_m2 for row in rows])
     expanded = [row.luminance_cd_m2 * row.U_rel for row in rows]

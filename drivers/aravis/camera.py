@@ -16,6 +16,7 @@ from ...core.errors import InputError
 from ...core.frame import CameraIdentity, Frame
 from ..camera import Camera, CameraError, CameraLostError, CameraSettingError, Gap, Refused, StreamStatistics
 from ..camera_settings import CameraSettings, CameraSetup, FeatureDescription, FeatureValue, PacketResend
+from .chunks import ChunkData
 from .connection import Connection, require_kept, take_snapshot
 from .features import described_features, read_feature, readable_features, write_feature
 from .known_state import not_understood
@@ -73,6 +74,7 @@ class AravisCamera(Camera):
         self._connection = Connection(selector, patience_s)
         self._frame_stream: FrameStream | None = None
         self._counted = StreamStatistics()
+        self._chunk_data = ChunkData()
         # Of frames since the last change that may have altered it.
         self._size: tuple[int, int] | None = None
 
@@ -89,7 +91,7 @@ class AravisCamera(Camera):
         if not self._connection.usable:
             self.close()
             self._connection.open()
-            self._counted, self._size = StreamStatistics(), None
+            self._counted, self._chunk_data, self._size = StreamStatistics(), ChunkData(), None
         return self
 
     def close(self) -> None:
@@ -129,6 +131,12 @@ class AravisCamera(Camera):
         """Counters of all streams since the camera was opened."""
         frame_stream = self._frame_stream
         return self._counted if frame_stream is None else _sum(self._counted, frame_stream.statistics)
+
+    @property
+    def chunk_data(self) -> ChunkData:
+        """Values that the camera sent with the last frame: exposure, gain, timestamp and frame counter."""
+        frame_stream = self._frame_stream
+        return self._chunk_data if frame_stream is None else frame_stream.chunk_data
 
     @property
     def path_packet_bytes(self) -> int | None:
@@ -253,7 +261,8 @@ class AravisCamera(Camera):
         FrameTimeoutError
             If no frame arrives although the camera answers.
         IncompleteFrameError
-            If a frame arrives incomplete, with a wrong size or out of order; it is never returned.
+            If a frame arrives incomplete, with a wrong size or out of order, or if its chunk data say that it was not
+            taken as set; it is never returned.
         CameraLostError
             If the camera stops answering, within 3 s after a frame was due; with `patience_s`, if it does not come
             back.
@@ -310,6 +319,7 @@ class AravisCamera(Camera):
 
     def _count(self, frame_stream: FrameStream) -> None:
         self._counted = _sum(self._counted, frame_stream.statistics)
+        self._chunk_data = frame_stream.chunk_data
 
     def _refuse_while_grabbing(self, what: str) -> None:
         if self._frame_stream is not None:

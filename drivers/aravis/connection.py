@@ -17,6 +17,7 @@ from ..camera import CameraError, CameraLostError, CameraSettingError, Gap
 from ..camera_settings import CameraSettings, CameraSetup, FeatureValue
 from ..device import on_error
 from . import gvcp
+from .chunks import CHUNK_MODE
 from .features import is_same, read_feature, readable_features, writable, write_feature
 from .library import CameraInfo, choose, discover
 from .link import Link, connect
@@ -46,6 +47,8 @@ def take_snapshot(link: Link, *, stream: bool = False) -> Snapshot:
     """Read all writable features that may change a picture, by name in the camera's order; `stream` adds its own."""
     with link.using("its settings cannot be read") as camera:
         snapshot = dict(readable_features(camera, access="RW", left_out=_NOT_OF_THE_PICTURE))
+        if writable(camera, CHUNK_MODE):
+            snapshot[CHUNK_MODE] = read_feature(camera, CHUNK_MODE)
         if stream:
             snapshot |= {name: read_feature(camera, name) for name in _OF_THE_STREAM if writable(camera, name)}
         return snapshot

@@ -159,6 +159,12 @@ def available(camera: Any, *names: str) -> str | None:
     return next((name for name in names if _is_there(device.get_feature(name))), None)
 
 
+def kind_of(camera: Any, name: str) -> str:
+    """Return the kind of a feature as of `_KINDS`, whether it has a value now or not; empty if the camera lacks it."""
+    node = camera.get_device().get_feature(name)
+    return "" if node is None else _kind(node)
+
+
 def unit_of(camera: Any, name: str) -> str:
     """Return the unit of a feature, empty if the camera does not state it."""
     node = camera.get_device().get_feature(name)

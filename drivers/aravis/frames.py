@@ -145,6 +145,9 @@ REASONS = {
     "WRONG_FRAME_ID": "its number does not follow that of the previous frame",
 }
 
+#: Status of a complete frame that is not as set, by its chunk data.
+NOT_AS_SET = "NOT_AS_SET"
+
 #: Frame ids of GigE Vision 1 have 16 bits and leave out 0, which is reserved (GigE Vision 2.0, 24.2).
 _LARGEST_SHORT_ID = 0xFFFF
 
@@ -208,6 +211,7 @@ class FrameCheck:
 
     def __init__(self, settings: CameraSettings, layout: PixelFormat, reserves_zero: bool) -> None:
         self._success = aravis().BufferStatus.SUCCESS
+        self._without_image = aravis().BufferPayloadType.CHUNK_DATA
         self._size = (settings.width, settings.height)
         self._layout = layout
         self.pixel_bytes = layout.payload_bytes(settings.width * settings.height)
@@ -238,29 +242,34 @@ class FrameCheck:
         if status != self._success:
             name = status.value_nick.upper().replace("-", "_")
             return name, REASONS.get(name, name)
-        size = (buffer.get_image_width(), buffer.get_image_height())
-        if size != self._size:
-            wanted = " x ".join(map(str, self._size))
-            return "SIZE_MISMATCH", f"it has {size[0]} x {size[1]} pixels, not {wanted}"
+        # The leader of frames of nothing but chunks says neither size nor format, both of which are locked.
+        if buffer.get_payload_type() != self._without_image and (other := self._other_image(buffer)):
+            return "SIZE_MISMATCH", other
         if received_bytes < self.pixel_bytes:
             return "SIZE_MISMATCH", f"{received_bytes} bytes of {self.pixel_bytes} came"
-        code = buffer.get_image_pixel_format()
-        if code != self._layout.code:
-            return (
-                "SIZE_MISMATCH",
-                f"its pixel format is {code:#010x}, not {self._layout.code:#010x} ({self._layout.name})",
-            )
         if left_out is None:
             return "WRONG_FRAME_ID", REASONS["WRONG_FRAME_ID"]
         return None
+
+    def _other_image(self, buffer: Any) -> str:
+        """Return what of size and format is not as wanted; empty if both are."""
+        size = (buffer.get_image_width(), buffer.get_image_height())
+        if size != self._size:
+            wanted = " x ".join(map(str, self._size))
+            return f"it has {size[0]} x {size[1]} pixels, not {wanted}"
+        code = buffer.get_image_pixel_format()
+        if code != self._layout.code:
+            return f"its pixel format is {code:#010x}, not {self._layout.code:#010x} ({self._layout.name})"
+        return ""
 
 
 def refusal(who: object, buffer: Any, fault: tuple[str, str], advice: str) -> IncompleteFrameError:
     """Return the error for a refused frame."""
     status, reason = fault
     frame_id = buffer.get_frame_id()
+    state = "not as set" if status == NOT_AS_SET else "incomplete"
     return IncompleteFrameError(
-        f"frame {frame_id} from {who} is incomplete, {reason}",
+        f"frame {frame_id} from {who} is {state}, {reason}",
         f"it was discarded; {advice}",
         status=status,
         frame_id=frame_id,

@@ -7,6 +7,7 @@ from typing import Any
 
 from ..camera import CameraSettingError
 from ..camera_settings import FeatureValue
+from .chunks import switch_on_chunks
 from .features import available, is_same, read_feature, writable, write_feature
 from .trigger import clear_triggers
 
@@ -86,6 +87,8 @@ def not_understood(names: Iterable[str], gains: Collection[str] = ()) -> tuple[s
 def bring_to_known_state(camera: Any) -> None:
     """Reset what other programs left: acquisition, triggers, automatics, tone curve, binning, mirroring and region.
 
+    Chunk data are switched on, as far as frames can be compared with them.
+
     Raises
     ------
     CameraSettingError
@@ -101,6 +104,7 @@ def bring_to_known_state(camera: Any) -> None:
     if available(camera, "BinningHorizontal") is not None:
         camera.set_binning(1, 1)
     show_whole_sensor(camera)
+    switch_on_chunks(camera)
 
 
 def show_whole_sensor(camera: Any) -> None:

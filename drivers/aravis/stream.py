@@ -13,7 +13,8 @@ from ..camera_settings import CameraSettings, PacketResend
 from ..computer import enlarge_receive_buffer, may_open_packet_sockets, overload, raise_priority, threads_named
 from ..device import on_error
 from ..network import resend_check, stream_causes
-from .frames import BufferPool, FrameCheck, arrival, gather_s, pool_size, refusal
+from .chunks import REMEDY, ChunkCheck, ChunkData
+from .frames import NOT_AS_SET, BufferPool, FrameCheck, arrival, gather_s, pool_size, refusal
 from .library import aravis, received_bytes
 from .link import Link
 from .settings import layout_of, temperature_c
@@ -114,6 +115,7 @@ class FrameStream:
         settings = self._settings
         is_gige = bool(camera.is_gv_device())
         self._check = FrameCheck(settings, self._layout, reserves_zero=is_gige)
+        self._chunk_check = ChunkCheck(camera, settings)
         if is_gige:
             link = self._link
             # With those that were plugged in since.
@@ -171,6 +173,11 @@ class FrameStream:
         stream = self._stream
         return self._counted if stream is None else _count(stream)
 
+    @property
+    def chunk_data(self) -> ChunkData:
+        """Values that the camera sent with the last frame."""
+        return self._chunk_check.data
+
     def next(self) -> Frame:
         """Wait for the next complete frame; raises as `AravisCamera.grab`."""
         while True:
@@ -180,6 +187,8 @@ class FrameStream:
                     camera.software_trigger()
             buffer = self._received()
             fault = self._check.fault(buffer, received_bytes(buffer))
+            if fault is None and (difference := self._chunk_check.fault(buffer)) is not None:
+                fault = NOT_AS_SET, difference
             if fault is None:
                 self._n_refused = 0
                 return self._frame(buffer)
@@ -249,11 +258,12 @@ class FrameStream:
 
     def _refuse(self, buffer: Any, fault: tuple[str, str]) -> None:
         """Report an incomplete frame, or raise; its buffer is returned."""
-        if self._known_causes is None:
+        if fault[0] != NOT_AS_SET and self._known_causes is None:
             # Only once: reading the computer's settings takes longer than some frames.
             self._known_causes = "; ".join(self._causes())
         causes = self._known_causes or "lower the frame rate or packet size, or raise net.core.rmem_max"
-        error = refusal(self._link.identity, buffer, fault, f"{causes} ({self._counters()})")
+        advice = REMEDY if fault[0] == NOT_AS_SET else f"{causes} ({self._counters()})"
+        error = refusal(self._link.identity, buffer, fault, advice)
         self._lender().take_back(buffer)
         self._n_refused += 1
         if self._on_refused is None or self._n_refused >= MOST_REFUSED:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 
 from ..aravis import gvcp
 from ..aravis.camera import AravisCamera
+from ..aravis.chunks import ChunkData
 from ..aravis.connection import restore_snapshot, take_snapshot
 from ..aravis.features import available, read_feature, readable_features, writable, write_feature
 from ..aravis.library import CameraInfo
@@ -74,6 +75,8 @@ class CameraFacts:
         Largest packet that came through; None if no test packet was sent.
     planned : PlannedStream or None
         Frames that a plan asks for.
+    chunk_data : ChunkData
+        Values that came with the last frame.
     """
 
     settings: CameraSettings
@@ -88,6 +91,7 @@ class CameraFacts:
     formats: tuple[str, ...] = ()
     path_bytes: int | None = None
     planned: PlannedStream | None = None
+    chunk_data: ChunkData = field(default_factory=ChunkData)
 
     def number(self, name: str) -> float | None:
         """Return a feature that is a number and not 0; None without it."""
@@ -184,7 +188,7 @@ def _streamed(info: CameraInfo, facts: CameraFacts) -> CameraFacts:
             problem = error
         features, statistics = camera.features(), camera.statistics
         facts = replace(facts, settings=camera.settings, features=features, statistics=statistics)
-        facts = replace(facts, path_bytes=camera.path_packet_bytes)
+        facts = replace(facts, path_bytes=camera.path_packet_bytes, chunk_data=camera.chunk_data)
         # The last of too many is raised instead of reported.
         n_refused = len(refused) + isinstance(problem, IncompleteFrameError)
         return replace(facts, came=came, refused=n_refused, problem=problem)
@@ -193,7 +197,7 @@ def _streamed(info: CameraInfo, facts: CameraFacts) -> CameraFacts:
 def camera_checks(facts: CameraFacts) -> list[Check]:
     """Evaluate an opened camera."""
     optional = [_packets(facts), _link(facts), *_bandwidth(facts), _plan(facts), _temperature(facts.temperature_c)]
-    optional += [path_check(facts.path_bytes, facts.interface), resend_check(facts.statistics)]
+    optional += [path_check(facts.path_bytes, facts.interface), resend_check(facts.statistics), _chunks(facts)]
     return [
         Check("controller", "good", "this program could take control of it"),
         *_network(facts.address, facts.interface),
@@ -272,6 +276,19 @@ def _plan(facts: CameraFacts) -> Check | None:
     height, width = whole if facts.planned.shape is None else facts.planned.shape
     shape = (int(height or settings.height), int(width or settings.width))
     return plan_check(facts.planned, shape, settings.frame_rate_hz, min([carried, *limits]), facts.formats)
+
+
+def _chunks(facts: CameraFacts) -> Check | None:
+    """State what the camera says of each frame; where that is not as set, the frames are refused."""
+    data = facts.chunk_data
+    values = {
+        "exposure time": None if data.exposure_us is None else f"{data.exposure_us * 1e-3:.6g} ms",
+        "gain": None if data.gain_db is None else f"{data.gain_db:.4g} dB",
+        "timestamp": data.timestamp,
+        "frame counter": data.counter,
+    }
+    sent = ", ".join(f"{name} {value}" for name, value in values.items() if value is not None)
+    return Check("chunk data", "good", f"each frame comes with {sent}, compared with what is set") if sent else None
 
 
 def _temperature(temperature_c: float | None) -> Check | None:

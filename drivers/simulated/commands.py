@@ -39,9 +39,19 @@ class Command:
 
 #: Faults of a camera: a share of its packets is lost; it neither answers nor sends; it answers, but sends no frame; it
 #: has no power, and afterwards the settings after power-on; it repeats frame ids or sends older ones; its frames have
-#: half the height; packets come again on request (value: index in `RESEND_KINDS`); a switch on the path takes packets
-#: up to a size only.
-CAMERA_FAULTS: Final = ("lose", "freeze", "stall", "vanish", "wrong ids", "wrong size", "resend", "path")
+#: half the height; they are exposed twice as long as set, as their chunk data say; packets come again on request
+#: (value: index in `RESEND_KINDS`); a switch on the path takes packets up to a size only.
+CAMERA_FAULTS: Final = (
+    "lose",
+    "freeze",
+    "stall",
+    "vanish",
+    "wrong ids",
+    "wrong size",
+    "wrong exposure",
+    "resend",
+    "path",
+)
 
 #: How lost packets come again on request: as they should, too late, twice, or with the number of another packet.
 RESEND_KINDS: Final = ("right", "late", "twice", "wrong")
@@ -75,7 +85,7 @@ _RULES: Final[tuple[tuple[str, str, Callable[[str], float | str], str], ...]] = 
     ("lose", rf" (?P<value>{_NUMBER}) ?%{_LASTS}", _between(0, 100, 0.01), "lose 5% for 20 s"),
     *((kind, _LASTS, float, f"{kind} for 3 s") for kind in ("freeze", "stall")),
     ("vanish", _LASTS, float, "vanish for 5 s"),
-    *((kind, _LASTS, float, f"{kind} for 2 s") for kind in ("wrong ids", "wrong size")),
+    *((kind, _LASTS, float, f"{kind} for 2 s") for kind in ("wrong ids", "wrong size", "wrong exposure")),
     ("resend", rf" (?P<value>{'|'.join(RESEND_KINDS)}){_LASTS}", RESEND_KINDS.index, "resend twice for 20 s"),
     ("path", rf" (?P<value>{_NUMBER}) ?bytes{_LASTS}", _between(576, 9000), "path 1500 bytes"),
     ("temperature", rf" (?P<value>[+-]{_NUMBER}) ?c{_WITHIN}", _between(-80, 80), "temperature +8 C in 10 min"),

@@ -57,6 +57,10 @@ class SimulatedDevice:
         Its GenICam features.
     colour_filter : str or None
         First two pixels of its Bayer pattern; None for a monochrome camera.
+    first_frame_id : int or None
+        Id of the first frame after power-on; None for that of Aravis' simulator.
+    bare_chunks : bool
+        Whether the leader of frames with chunks says nothing of their image, as that of older cameras.
     """
 
     serial: str
@@ -69,6 +73,8 @@ class SimulatedDevice:
     frame_rate_hz: float = 15.0
     features: FeatureTable = field(default_factory=standard_features)
     colour_filter: str | None = None
+    first_frame_id: int | None = None
+    bare_chunks: bool = False
 
 
 @dataclass(frozen=True)

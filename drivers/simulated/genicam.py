@@ -25,7 +25,44 @@ _OF_THE_STANDARD: Final = {
     "AcquisitionFrameRateAbs": "AcquisitionFrameRate",
     "StreamBytesPerSecond": "DeviceLinkThroughputLimit",
 }
-_LIMIT_MODE: Final = {"DeviceLinkThroughputLimitMode": {"register": 0x148, "choices": {"Off": 0, "On": 1}}}
+_TRANSPORT_OF_THE_STANDARD: Final = {
+    "DeviceLinkThroughputLimitMode": {"register": 0x148, "choices": {"Off": 0, "On": 1}},
+    "GevGVSPExtendedIDMode": {"register": "LONG_IDS", "choices": {"Off": 0, "On": 1}, "value": 0},
+}
+
+#: Names of the chunks of a frame, in the order of the entries of ChunkSelector, and their ids.
+CHUNK_IDS: Final = {"ExposureTime": 0x1001, "Gain": 0x1002, "Timestamp": 0x1003, "FrameID": 0x1004}
+
+
+def chunk_bytes(name: str) -> int:
+    """Return the size of a chunk."""
+    return 8 if name == "Timestamp" else 4
+
+
+def _chunk_features() -> dict[str, dict[str, Any]]:
+    """Return the features of chunk data, which the camera has with the names of the standard."""
+    enabled = RegisterAddress.CHUNKS_ENABLED
+    selector = {"register": 0x18C, "choices": {name: number for number, name in enumerate(CHUNK_IDS)}, "value": 0}
+    features: dict[str, dict[str, Any]] = {
+        "ChunkModeActive": {"pIsLocked": "TLParamsLocked", "register": "CHUNK_MODE", "switch": True, "value": 0},
+        "ChunkSelector": selector,
+        "ChunkEnable": {"register": int(enabled), "switch": True, "index": "ChunkSelector"},
+    }
+    kinds = {"ExposureTime": {"unit": "us", "steps": 1}, "Gain": {"unit": "dB", "steps": 10}}
+    for number, (name, chunk) in enumerate(CHUNK_IDS.items()):
+        features[f"{name}Enabled"] = {"register": enabled + 4 * number, "access": "RO", "hidden": True, "value": 0}
+        content = {"chunk": chunk, "register": 0, "bytes": chunk_bytes(name), "access": "RO"}
+        features[f"Chunk{name}"] = content | kinds.get(name, {})
+    return features
+
+
+def _payload_with_chunks(payload: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the feature PayloadSize of a camera with chunks, each of which is followed by its id and size."""
+    bits = "(WIDTH * HEIGHT * ((FORMAT &gt;&gt; 16) &amp; 0xFF))"
+    chunks = " + ".join(f"{chunk_bytes(name) + 8} * {name.upper()}" for name in CHUNK_IDS)
+    formula = f"(1 - ACTIVE) * (({bits} + 7) / 8) + ACTIVE * (({bits} + 31) / 32 * 4 + 8 + {chunks})"
+    switches = {name.upper(): f"{name}Enabled" for name in CHUNK_IDS}
+    return {**payload, "formula": formula, "ACTIVE": "ChunkModeActiveRegister", **switches}
 
 
 class RegisterAddress(IntEnum):
@@ -48,6 +85,9 @@ class RegisterAddress(IntEnum):
     TEMPERATURE = 0x140
     REVERSE_X = 0x160
     REVERSE_Y = 0x164
+    CHUNK_MODE = 0x180
+    CHUNKS_ENABLED = 0x190
+    LONG_IDS = 0x1B0
     TRIGGER_MODE = 0x300
     TRIGGER_SOFTWARE = 0x30C
     TICK_FREQUENCY_HIGH = 0x93C
@@ -57,7 +97,8 @@ class RegisterAddress(IntEnum):
 def standard_features(naming: Naming = "prosilica", colour_filter: str | None = None) -> FeatureTable:
     """Return the features of the simulated camera, with the names of a Manta or of the standard.
 
-    With a Bayer pattern it offers its formats alone, starts on even pixels, and neither bins nor mirrors.
+    With the names of the standard it has chunk data and ids of 64 bits. With a Bayer pattern it offers its formats
+    alone, starts on even pixels, and neither bins nor mirrors.
     """
     text = (files("labcdp") / "data" / "simulated-camera.toml").read_text(encoding="utf-8")
     table: dict[str, dict[str, Any]] = parse_toml(text)
@@ -69,7 +110,9 @@ def standard_features(naming: Naming = "prosilica", colour_filter: str | None = 
         category: {_OF_THE_STANDARD.get(name, name): feature for name, feature in features.items()}
         for category, features in table.items()
     }
-    return renamed | {"TransportLayerControl": renamed["TransportLayerControl"] | _LIMIT_MODE}
+    transport = renamed["TransportLayerControl"] | _TRANSPORT_OF_THE_STANDARD
+    transport["PayloadSize"] = _payload_with_chunks(transport["PayloadSize"])
+    return renamed | {"ChunkDataControl": _chunk_features(), "TransportLayerControl": transport}
 
 
 def _behind_filters(features: dict[str, Any], colour_filter: str) -> dict[str, Any]:
@@ -97,6 +140,10 @@ def description(vendor: str, model: str, table: FeatureTable) -> str:
         Its features.
     """
     nodes = [_category("Root", table), _node("Integer", "Never", "<Value>0</Value>")]
+    chunks = sorted(
+        {values["chunk"] for features in table.values() for values in features.values() if "chunk" in values}
+    )
+    nodes += [_node("Port", _chunk_port(chunk), f"<ChunkID>{chunk:x}</ChunkID>") for chunk in chunks]
     for name, features in table.items():
         nodes.append(
             _category(name, [feature_name for feature_name, values in features.items() if not values.get("hidden")])
@@ -110,7 +157,6 @@ def description(vendor: str, model: str, table: FeatureTable) -> str:
   xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance"
   xsi:schemaLocation="http://www.genicam.org/GenApi/Version_1_0 GenApiSchema.xsd">
 {"".join(nodes)}<Port Name="Device" NameSpace="Standard"/>
-<Port Name="Chunk" NameSpace="Standard"><ChunkID>1</ChunkID></Port>
 </RegisterDescription>
 """
 
@@ -165,6 +211,8 @@ def writable_registers(table: FeatureTable, width: int, height: int) -> dict[int
                 # Two commands may share a register.
                 before = registers.get(address, taken)
                 registers[address] = replace(taken, choices=taken.choices | before.choices)
+                for number in range(len(category[values["index"]]["choices"]) if "index" in values else 0):
+                    registers[address + 4 * number] = taken
     # Aravis' simulator allocates frames of these sizes.
     sizes = {RegisterAddress.WIDTH: Values(1, width), RegisterAddress.HEIGHT: Values(1, height)}
     return registers | {address: size for address, size in sizes.items() if address in registers}
@@ -230,9 +278,16 @@ def _nodes(name: str, values: Mapping[str, Any]) -> str:
         feature = _node("Integer", name, conditions + register + _limits(values))
     # Bits are counted from the highest.
     half = "<LSB>31</LSB><MSB>16</MSB>" if values.get("lower_half") else ""
-    body = f"<Address>{_address(values):#x}</Address><Length>4</Length><AccessMode>{access}</AccessMode>"
-    body += f"<pPort>{values.get('port', 'Device')}</pPort>{half}<Sign>Unsigned</Sign><Endianess>BigEndian</Endianess>"
+    index = f'<pIndex Offset="4">{values["index"]}Register</pIndex>' if "index" in values else ""
+    port = _chunk_port(values["chunk"]) if "chunk" in values else "Device"
+    body = f"<Address>{_address(values):#x}</Address>{index}<Length>{values.get('bytes', 4)}</Length>"
+    body += f"<AccessMode>{access}</AccessMode><pPort>{port}</pPort>{half}<Sign>Unsigned</Sign>"
+    body += "<Endianess>BigEndian</Endianess>"
     return feature + _node("MaskedIntReg" if half else "IntReg", f"{name}Register", body)
+
+
+def _chunk_port(chunk: int) -> str:
+    return f"Chunk{chunk:x}"
 
 
 def _address(values: Mapping[str, Any]) -> int:

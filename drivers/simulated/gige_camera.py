@@ -17,6 +17,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, Self
 
+import numpy as np
+from numpy.typing import NDArray
+
 from ..aravis.gvcp import STREAM_CHANNEL_PORT
 from ..aravis.library import aravis
 from ..camera import CameraError
@@ -24,10 +27,10 @@ from ..device import Device, on_error
 from .commands import RESEND_KINDS, CameraFaults
 from .control import ControlPort, check_free, request_filter
 from .device import TEMPERATURE_STEPS_PER_C, FrameRenderer, FrameSource, Registers, SimulatedDevice, Wanted
-from .genicam import RegisterAddress, description, writable_registers
-from .last_packet import LastPacket
+from .genicam import CHUNK_IDS, RegisterAddress, chunk_bytes, description, writable_registers
 from .path import TestPackets
 from .resend import CAN_RESEND, CAPABILITY, ResendPort
+from .sender import ImageLeader, SentFrame, StreamSender, with_chunks
 
 __all__ = ["SimulatedDevice", "SimulatedGigECamera"]
 
@@ -49,6 +52,7 @@ def _aravis_c() -> ctypes.CDLL:
     for name, result, arguments in (
         ("arv_buffer_get_data", pointer, (pointer, pointer)),
         ("arv_buffer_get_frame_id", number, (pointer,)),
+        ("arv_buffer_get_timestamp", number, (pointer,)),
         ("arv_buffer_set_frame_id", None, (pointer, number)),
         ("arv_fake_camera_set_fill_pattern", None, (pointer, _FillPattern, pointer)),
     ):
@@ -84,10 +88,11 @@ class SimulatedGigECamera(Device):
         self.device = device
         self.address = address
         self._renderer = FrameRenderer(source)
-        self._last_packet = LastPacket(address)
+        self._sender = StreamSender(address, bare_chunks=device.bare_chunks)
         self._resend: ResendPort | None = None
         self._path: TestPackets | None = None
         self._temperature = temperature
+        self._has_chunk_data = "ChunkSelector" in device.features.get("ChunkDataControl", {})
         self._frame_id: int | None = None
         self._exposing: Hashable = None
         self._exposed_at_s = 0.0
@@ -127,7 +132,7 @@ class SimulatedGigECamera(Device):
         self._started = False
         self._switch_off()
         self._renderer.close()
-        self._last_packet.close()
+        self._sender.close()
         for helper in (self._resend, self._path):
             if helper is not None:
                 helper.close()
@@ -252,6 +257,8 @@ class SimulatedGigECamera(Device):
 
     def _send(self, registers: Registers, buffer: int, exposure_us: int, gain_steps: int, format_code: int) -> None:
         triggered = registers.read(RegisterAddress.TRIGGER_MODE) != 0
+        if "wrong exposure" in self._faults:
+            exposure_us *= 2
         payload, wanted = None, Wanted(exposure_us, gain_steps, format_code, registers.readout(self.device))
         if not (self._exposing_triggered(exposure_us) if triggered else self._exposing_freely(registers, exposure_us)):
             payload = self._renderer.next(wanted)
@@ -266,13 +273,37 @@ class SimulatedGigECamera(Device):
         self.follow_temperature()
         # Bits of a pixel stand in the code of its format (PFNC 2.1); Aravis' simulator rounds the size down.
         n_bytes = wanted.readout.width * wanted.readout.height * (format_code >> 16 & 0xFF) // 8
-        frame_id = self._next_id(buffer)
+        frame = self._sent_frame(registers, payload, self._next_id(registers, buffer), wanted)
         if self._resend is not None:
-            self._resend.keep(registers, payload, frame_id)
+            self._resend.keep(registers, frame)
+        if frame.has_chunks or frame.long_ids or n_bytes < payload.nbytes:
+            share = self._share_lost()
+            self._lose(1.0)
+            size = (wanted.readout.width, wanted.readout.height, wanted.readout.x, wanted.readout.y)
+            stamp_ns = int(_aravis_c().arv_buffer_get_timestamp(buffer))
+            self._sender.send(registers, frame, ImageLeader(stamp_ns, format_code, *size), share)
+            return
         ctypes.memmove(_aravis_c().arv_buffer_get_data(buffer, None), payload.ctypes.data, n_bytes)
-        _aravis_c().arv_buffer_set_frame_id(buffer, frame_id)
-        if n_bytes < payload.nbytes and self._share_lost() == 0:
-            self._last_packet.send(registers, payload, frame_id)
+        _aravis_c().arv_buffer_set_frame_id(buffer, frame.frame_id)
+
+    def _sent_frame(self, registers: Registers, pixels: NDArray[np.uint8], frame_id: int, wanted: Wanted) -> SentFrame:
+        """Return a frame with the chunks that are switched on."""
+        long_ids = registers.read(RegisterAddress.LONG_IDS) != 0
+        if not (self._has_chunk_data and registers.read(RegisterAddress.CHUNK_MODE)):
+            return SentFrame(pixels, frame_id, long_ids=long_ids)
+        values = {
+            "ExposureTime": wanted.exposure_us,
+            "Gain": wanted.gain_steps,
+            "Timestamp": time.monotonic_ns(),
+            "FrameID": frame_id & 0xFFFFFFFF,
+        }
+        enabled = [registers.read(RegisterAddress.CHUNKS_ENABLED + 4 * number) for number in range(len(CHUNK_IDS))]
+        chunks = {
+            CHUNK_IDS[name]: value.to_bytes(chunk_bytes(name), "big")
+            for (name, value), is_enabled in zip(values.items(), enabled, strict=True)
+            if is_enabled
+        }
+        return SentFrame(with_chunks(pixels, chunks), frame_id, has_chunks=True, long_ids=long_ids)
 
     def _exposing_triggered(self, exposure_us: int) -> bool:
         """Whether the exposure of a triggered frame is in progress; triggers are ignored meanwhile."""
@@ -293,14 +324,16 @@ class SimulatedGigECamera(Device):
         # Tolerance of half a period: ticks are not exactly equidistant.
         return now_s - self._exposed_at_s < (exposure_us - period_us / 2) * 1e-6
 
-    def _next_id(self, buffer: int) -> int:
-        """Return the id to send; ids of GigE Vision have 16 bits and leave out 0."""
+    def _next_id(self, registers: Registers, buffer: int) -> int:
+        """Return the id to send; ids of GigE Vision have 16 or 64 bits and leave out 0."""
+        largest = 0xFFFF if registers.read(RegisterAddress.LONG_IDS) == 0 else 0xFFFFFFFFFFFFFFFF
         if self._frame_id is None:
-            self._frame_id = int(_aravis_c().arv_buffer_get_frame_id(buffer))
+            first = self.device.first_frame_id
+            self._frame_id = int(_aravis_c().arv_buffer_get_frame_id(buffer)) if first is None else first
         else:
-            self._frame_id = self._frame_id % 0xFFFF + 1
+            self._frame_id = self._frame_id % largest + 1
         if "wrong ids" not in self._faults:
             return self._frame_id
         # Alternately the previous id, and one far behind.
         back = 1 if self._frame_id % 2 else _BACKWARD
-        return (self._frame_id - 1 - back) % 0xFFFF + 1
+        return (self._frame_id - 1 - back) % largest + 1

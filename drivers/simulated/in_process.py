@@ -233,7 +233,9 @@ class InProcessCamera(Reach, Camera):
             self._statistics = replace(counted, failed=counted.failed + 1, missing=counted.missing + n_missing)
             cause = f"frame {frame_id} from {self._name} is incomplete, {problem}"
             raise IncompleteFrameError(cause, "it was discarded", status, frame_id, stamp_ns, clock.now())
-        dn = self._source.expose(settings.exposure_s, settings.gain_db, self._source.next_key())
+        # It has no chunk data that say so.
+        exposure_s = settings.exposure_s * (2 if "wrong exposure" in self._faults else 1)
+        dn = self._source.expose(exposure_s, settings.gain_db, self._source.next_key())
         self._statistics = replace(counted, completed=counted.completed + 1)
         return Frame(
             dn=dn,

@@ -17,14 +17,12 @@ from collections import OrderedDict
 from ipaddress import IPv4Address
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 from .. import packet_filter
 from ..aravis.gvcp import GVCP_PORT, STREAM_CHANNEL_ADDRESS, STREAM_CHANNEL_PACKET_SIZE, STREAM_CHANNEL_PORT
 from ..camera import CameraError
 from ..packet_filter import EQUAL, HAS_BITS, KEEP
 from .device import Registers
+from .sender import SentFrame
 
 #: Register of the abilities of the control protocol, and its bit for packets sent again.
 CAPABILITY: Final = 0x0934
@@ -32,9 +30,8 @@ CAN_RESEND: Final = 1 << 2
 
 _COMMAND: Final = 0x0040
 _ETHERNET_BYTES, _IP_BYTES, _UDP_BYTES = 14, 20, 8
-#: Headers of IP, UDP and the stream, which the packet size includes.
-_HEADER_BYTES: Final = 36
-_PAYLOAD: Final = 3
+#: Flag of a request with a frame id of 64 bits, which follows.
+_LONG_IDS: Final = 1 << 4
 #: Frames that are kept.
 _KEPT: Final = 4
 #: A packet that is late comes this many frames later.
@@ -71,7 +68,7 @@ class ResendPort:
         #: One of `RESEND_KINDS`.
         self.kind = "right"
         self._lock = threading.Lock()
-        self._frames: OrderedDict[int, NDArray[np.uint8]] = OrderedDict()
+        self._frames: OrderedDict[int, SentFrame] = OrderedDict()
         self._late: list[tuple[int, int, int]] = []
         self._target: tuple[tuple[str, int], int] | None = None
         try:
@@ -98,20 +95,19 @@ class ResendPort:
         os.close(self._stop_read)
         os.close(self._stop_write)
 
-    def keep(self, registers: Registers, payload: NDArray[np.uint8], frame_id: int) -> None:
-        """Keep the pixels of a frame that is being sent, and send packets that are late by now."""
+    def keep(self, registers: Registers, frame: SentFrame) -> None:
+        """Keep a frame that is being sent, and send packets that are late by now."""
         host = str(IPv4Address(registers.read(STREAM_CHANNEL_ADDRESS)))
         port = registers.read(STREAM_CHANNEL_PORT) & 0xFFFF
-        block_bytes = (registers.read(STREAM_CHANNEL_PACKET_SIZE) & 0xFFFF) - _HEADER_BYTES
         with self._lock:
-            self._target = (host, port), block_bytes
-            self._frames[frame_id] = payload.copy()
+            self._target = (host, port), registers.read(STREAM_CHANNEL_PACKET_SIZE) & 0xFFFF
+            self._frames[frame.frame_id] = frame
             while len(self._frames) > _KEPT:
                 self._frames.popitem(last=False)
             due = [packet for packet in self._late if packet[2] >= _LATE_FRAMES]
-            self._late = [(frame, number, age + 1) for frame, number, age in self._late if age < _LATE_FRAMES]
-            for frame, number, _ in due:
-                self._send(frame, number, number)
+            self._late = [(late, number, age + 1) for late, number, age in self._late if age < _LATE_FRAMES]
+            for late, number, _ in due:
+                self._send(late, number, number)
 
     def _serve(self) -> None:
         seen: tuple[bytes, int] | None = None
@@ -126,9 +122,11 @@ class ResendPort:
                 continue
             seen = request, kind
             frame_id, first, last = struct.unpack(">III", request[8:20])
+            if request[1] & _LONG_IDS and len(request) >= 28:
+                (frame_id,) = struct.unpack(">Q", request[20:28])
             with self._lock:
                 for number in range(first, min(last, first + 1000) + 1):
-                    self._answer(frame_id & 0xFFFF, number)
+                    self._answer(frame_id, number)
 
     def _answer(self, frame_id: int, number: int) -> None:
         match self.kind:
@@ -144,17 +142,12 @@ class ResendPort:
             case _:
                 self._send(frame_id, number, number)
 
-    def _send(self, frame_id: int, number: int, pixels_of: int) -> None:
-        """Send a packet of a kept frame with the pixels of one; leaders and trailers are not sent again."""
-        payload = self._frames.get(frame_id)
-        if payload is None or self._target is None:
+    def _send(self, frame_id: int, number: int, content_of: int) -> None:
+        """Send a packet of a kept frame with the pixels of another; leaders and trailers are not sent again."""
+        frame = self._frames.get(frame_id)
+        if frame is None or self._target is None:
             return
-        target, block_bytes = self._target
-        n_blocks = -(-payload.nbytes // block_bytes)
-        if not (1 <= number <= n_blocks and 1 <= pixels_of <= n_blocks):
-            return
-        wanted_bytes = min(block_bytes, payload.nbytes - (number - 1) * block_bytes)
-        start = (pixels_of - 1) * block_bytes
-        pixels = payload[start : start + wanted_bytes].tobytes().ljust(wanted_bytes, b"\0")
-        header = struct.pack(">HHI", 0, frame_id, _PAYLOAD << 24 | number)
-        self._sender.sendto(header + pixels, target)
+        target, packet_bytes = self._target
+        packet = frame.payload_packet(number, packet_bytes, content_of=content_of)
+        if packet is not None:
+            self._sender.sendto(packet, target)

@@ -42,6 +42,7 @@ def test_frames_with_fewer_bytes_than_their_pixels_are_refused(aravis, name, n_b
     buffer = SimpleNamespace(
         get_status=lambda: aravis.BufferStatus.SUCCESS,
         get_frame_id=lambda: next(ids),
+        get_payload_type=lambda: aravis.BufferPayloadType.IMAGE,
         get_image_width=lambda: 64,
         get_image_height=lambda: 48,
         get_image_pixel_format=lambda: layout.code,

@@ -26,6 +26,7 @@ PATIENCE_S = 30.0
 CODES = ("ER00", "ER01", "ER10", "ER11", "ER19", "ER20", "ER30")
 FAULTS = (
     *(f"{fault} for 400 ms" for fault in ("lose 2%", "stall", "freeze", "vanish", "wrong ids", "wrong size")),
+    *(f"{fault} for 400 ms" for fault in ("wrong exposure", "resend wrong", "path 1500 bytes")),
     *("temperature +8 C in 400 ms", "light -5% in 400 ms"),
     *(f"meter {fault}" for fault in (*CODES, "truncate 7", "delay 700 ms", "garble", "unit fL", "unplug for 400 ms")),
     "meter drop\nat 0.4 s meter remote",

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,9 @@ from ..metrics import Epsilon
 from ..metrics.contrast import TargetContrasts
 from ..metrics.result import target_contrasts
 from ..regions import PolygonShape, Shape, load_regions, rois_of
+
+if TYPE_CHECKING:
+    from ..regions.chart import Chart, Corners
 
 #: A path as users write it.
 PathArgument: TypeAlias = str | PathLike[str]
@@ -104,6 +107,26 @@ def as_rois(regions: Regions, size: tuple[int, int]) -> tuple[Roi, ...]:
     for roi in rois:
         roi.window((size[1], size[0]))
     return rois
+
+
+def as_patches(
+    chart: Chart, corners: Corners | None, regions: Regions | None, size: tuple[int, int]
+) -> tuple[Roi, ...]:
+    """Return the patches of a chart in an image, by its corners or by regions; none if neither is given.
+
+    Raises
+    ------
+    InputError
+        If both are given, a patch has no region, or one lies outside the image.
+    """
+    if regions is None:
+        return () if corners is None else chart.regions(corners)
+    named = {roi.name: roi for roi in as_rois(regions, size)}
+    missing = [name for name in chart.names if name not in named]
+    if missing or corners is not None:
+        reason = f"have no {shown(missing[0])}" if missing else "are given beside corners"
+        raise InputError(f"regions {reason}: give one for each patch of the chart, or its corners")
+    return tuple(named[name] for name in chart.names)
 
 
 def as_pairs(rois: tuple[Roi, ...], pairs: Pairs | None) -> tuple[tuple[str, str], ...]:

@@ -38,6 +38,7 @@ from .arguments import (
     as_contrasts,
     as_list,
     as_pairs,
+    as_patches,
     as_path,
     as_rois,
 )
@@ -274,14 +275,7 @@ class Image:
         request = as_contrasts(contrasts, epsilon)
         loaded, _ = load_chart(as_path(chart, "the chart"))
         height, width = self.shape
-        rois: tuple[Roi, ...] = () if corners is None else loaded.regions(corners)
-        if regions is not None:
-            named = {roi.name: roi for roi in as_rois(regions, (width, height))}
-            missing = [name for name in loaded.names if name not in named]
-            if missing or corners is not None:
-                reason = f"have no {shown(missing[0])}" if missing else "are given beside corners"
-                raise InputError(f"regions {reason}: give one for each patch of the chart, or its corners")
-            rois = tuple(named[name] for name in loaded.names)
+        rois = as_patches(loaded, corners, regions, (width, height))
         located = ImageSettings(chart=loaded, rois=rois).located(self.luminance)
         return measure_chart(
             self.luminance, self.unit, loaded, located.rois, request.values, request.epsilon, CDP_LIMIT

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from xarray import Dataset
@@ -31,6 +31,7 @@ from .arguments import (
     Tolerance,
     as_contrasts,
     as_pairs,
+    as_patches,
     as_path,
     as_rois,
     as_text,
@@ -38,6 +39,9 @@ from .arguments import (
 from .picture import StatedOfVideo, converter_of
 from .tracked_regions import TrackedRegions
 from .variables import described
+
+if TYPE_CHECKING:
+    from ..regions.chart import Corners
 
 
 def open_video(
@@ -244,6 +248,81 @@ class Video:
             )
             dataset, _ = evaluate_flicker(self.path, settings, progress=progress)
         return described(dataset, dataset.attrs["unit"])
+
+    def chart(
+        self,
+        chart: PathArgument,
+        contrasts: Contrasts | None = None,
+        epsilon: Tolerance = 0.5,
+        *,
+        corners: Corners | None = None,
+        regions: Regions | None = None,
+        method: str = "follow",
+        start: int | str = 0,
+        stop: int | str | None = None,
+        every: int | str = 1,
+        progress: Progress | None = None,
+    ) -> Dataset:
+        """Measure a chart in each frame: all patches against all, and the dynamic range of the camera.
+
+        Parameters
+        ----------
+        chart, contrasts, epsilon
+            As for `Image.chart`; without values of the chart and contrasts, those measured in the first frame.
+        corners, regions
+            As for `Image.chart`, in the first frame.
+        method : {'follow', 'homography', 'fixed'}
+            How the patches are followed; a flat chart is where most of them agree.
+        start, stop, every
+            As for `track`.
+        progress : callable or None
+            Called after each frame.
+
+        Returns
+        -------
+        xarray.Dataset
+            Mean and SNR over ``frame`` and ``patch``; the dynamic ranges over ``frame`` and ``range``; and of each pair
+            of patches over ``bright`` and ``dark`` (and ``contrast``, if several are given) the mean CDP of the frames,
+            the lowest one with its 95 % interval and its frame, and the share of the frames that detect the contrast.
+
+        Raises
+        ------
+        InputError
+            If an argument cannot be used, the chart is not found in the first frame, or it is measured in none.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> import labcdp
+        >>> from labcdp.evaluate.chart.chart_file import chart_template
+        >>> from labcdp.session import example_session
+        >>> written = Path("chart.toml").write_text(chart_template("thesis-2x2"))
+        >>> video = labcdp.open_video(example_session())
+        >>> square = [(100, 100), (300, 100), (300, 300), (100, 300)]
+        >>> measured = video.chart("chart.toml", corners=square, method="fixed")
+        >>> measured["mean_cdp"].dims
+        ('bright', 'dark')
+        """
+        from ..evaluate.chart.chart_file import load_chart
+        from ..evaluate.chart_video.evaluate import evaluate_chart_video
+        from ..evaluate.chart_video.settings import ChartVideoSettings
+
+        request, (loaded, files) = as_contrasts(contrasts, epsilon), load_chart(as_path(chart, "the chart"))
+        height, width = self.shape
+        with self._light() as light:
+            settings = ChartVideoSettings(
+                request.values,
+                rois=as_patches(loaded, corners, regions, (width, height)),
+                method=as_text(method, "method"),
+                epsilon=request.epsilon,
+                selection=_selection(start, stop, every),
+                chart=loaded,
+                inputs=tuple(files),
+                **light,
+            )
+            dataset = evaluate_chart_video(self.path, settings, progress=progress)
+        dataset = described(dataset, dataset.attrs["unit"])
+        return dataset.isel(contrast=0) if request.scalar and "contrast" in dataset.dims else dataset
 
     def cdp_neighbours(
         self,

@@ -116,13 +116,19 @@ def cdp_matrix(
     >>> labcdp.cdp_matrix(patches).cdp.sel(bright="grey").values
     array([ 1., nan,  1.])
     """
-    return _matrix(_patches(regions), contrast, epsilon)
+    patches = _patches(regions)
+    if isinstance(contrast, Mapping):
+        _require_values(contrast, patches)
+    return _matrix(patches, contrast, epsilon)
 
 
 def region_matrix(
     regions: Mapping[str, NoisyRegion], contrast: MatrixContrasts = None, epsilon: Epsilon | str = 0.5
 ) -> Dataset:
-    """Return the matrix of regions of one image as `cdp_matrix`, whose noise may be correlated from pixel to pixel."""
+    """Return the matrix of regions of one image as `cdp_matrix`, whose noise may be correlated from pixel to pixel.
+
+    Regions without a stated value have no CDP where stated values are given.
+    """
     patches = [
         _Patch(name, region.distribution, np.array(region.distribution.weights), region)
         for name, region in regions.items()
@@ -235,8 +241,8 @@ def _ratios(patches: Sequence[_Patch], bright: _Index, dark: _Index, defined: ND
     return variables
 
 
-def _stated_contrasts(values: Mapping[str, float], patches: Sequence[_Patch]) -> _Array:
-    """Contrasts of the stated values of a bright (first) and a dark region."""
+def _require_values(values: Mapping[str, float], patches: Sequence[_Patch]) -> None:
+    """Refuse stated values that are missing or no numbers above 0."""
     missing = [patch.name for patch in patches if patch.name not in values]
     if missing:
         raise InputError(f"no value is stated for region {missing[0]!r}: give one for each region")
@@ -245,7 +251,11 @@ def _stated_contrasts(values: Mapping[str, float], patches: Sequence[_Patch]) ->
         is_number = np.ndim(value) == 0 and np.asarray(value).dtype.kind in "iuf"
         if not (is_number and isfinite(value) and value > 0):
             raise InputError(f"the value stated for region {patch.name!r} is {shown(value)}: give a number above 0")
-    stated = np.array([values[patch.name] for patch in patches], dtype=np.float64)
+
+
+def _stated_contrasts(values: Mapping[str, float], patches: Sequence[_Patch]) -> _Array:
+    """Contrasts of the stated values of a bright (first) and a dark region; nan where one has none."""
+    stated = np.array([values.get(patch.name, nan) for patch in patches], dtype=np.float64)
     return weber_contrast(stated[:, None], stated)
 
 

@@ -8,6 +8,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 import labcdp
+from labcdp.evaluate.chart.chart_file import chart_template
 from labcdp.session import example_session
 
 
@@ -74,6 +75,11 @@ def videos(path: Path, regions: Path) -> xr.Dataset:
     lamps: xr.Dataset = video.flicker(regions, "fixed", stop=2)
     lamp: labcdp.Flicker = labcdp.flicker(lamps["mean"].values[:, 0], off=0.01, threshold=0.2)
     assert lamp.fmi.value == float(lamps["fmi"][0])
+    square = [(10.0, 10.0), (60.0, 10.0), (60.0, 60.0), (10.0, 60.0)]
+    chart_file = path.with_name("chart.toml")
+    chart_file.write_text(chart_template("thesis-2x2"))
+    chart: xr.Dataset = video.chart(chart_file, corners=square, method="fixed", stop=2)
+    assert chart["lowest_cdp"].dims == ("bright", "dark")
     return video.track(regions, method="fixed", stop=2).cdp([1, 10])
 
 

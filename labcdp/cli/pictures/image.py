@@ -23,10 +23,18 @@ from ...files.kinds import no_picture
 from ...files.read import picture_paths
 from ...output import ResultsFolder
 from ..commands import As
-from ..options import Results, end_by_requirement, require_apart, require_together
+from ..options import Results, end_by_requirement, require_together
 from ..terminal import print_result, progress_bars, say
-from ..values import parse_corners
-from .options import PairOptions, PictureLightOptions, each_once, parse_pairs, read_regions, require_kind
+from .options import (
+    ChartOptions,
+    PairOptions,
+    PictureLightOptions,
+    each_once,
+    parse_pairs,
+    read_chart,
+    read_regions,
+    require_kind,
+)
 
 #: Pictures that are named of those that fail for one reason.
 _MOST_NAMED = 8
@@ -45,13 +53,12 @@ def _rectangle(text: str, name: str) -> tuple[int, int, int, int]:
 
 def image(
     pairs: PairOptions,
+    charts: ChartOptions,
     light: PictureLightOptions,
     results: Results,
     files: tuple[Path, ...],
     *,
     rectangle: Annotated[tuple[int, int, int, int] | None, As(parse=_rectangle)] = None,
-    chart: Path | None = None,
-    corners: Annotated[tuple[tuple[float, float], ...] | None, As(parse=parse_corners)] = None,
     colours: bool = False,
     pages: bool = True,
     surface: bool = False,
@@ -70,11 +77,6 @@ def image(
         Image files (PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dumps), or folders of them.
     rectangle : X0,Y0,X1,Y1
         Compute the nearest-neighbour CDP inside a rectangle, given by two corner pixels.
-    chart
-        Chart file (TOML, see labcdp init chart): all its patches against all, and the dynamic range of the camera. Its
-        patches are found by its marks, by --corners, or are the regions of --roi with their names.
-    corners : "X,Y X,Y X,Y X,Y"
-        Corners of the chart in pixels: upper left, upper right, lower right, lower left, as the chart is read.
     colours
         Also tell how well the colours of the regions of each pair can be told apart: distance, colour separation
         probability (CSP), and the share of pairs of pixels that keep the difference of colour.
@@ -86,7 +88,7 @@ def image(
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
     require_kind(files, no_picture)
-    settings, paths = _settings(pairs, light, rectangle, chart, corners, colours), each_once(picture_paths(files))
+    settings, paths = _settings(pairs, charts, light, rectangle, colours), each_once(picture_paths(files))
     with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
         pictures, result = _evaluated(paths, settings, pages, surface, folder)
         failed = [picture for picture in pictures if picture.source is None]
@@ -125,40 +127,25 @@ def _failures(failed: Sequence[MeasuredPicture]) -> list[str]:
 
 def _settings(
     chosen: PairOptions,
+    charts: ChartOptions,
     light: PictureLightOptions,
     rectangle: tuple[int, int, int, int] | None,
-    chart_file: Path | None,
-    corners: tuple[tuple[float, float], ...] | None,
     colours: bool,
 ) -> ImageSettings:
     if rectangle is not None:
         chosen = replace(chosen, neighbours=True)
-    require_together({"--corners": corners}, {"--chart": chart_file})
-    require_apart({"--corners": corners}, {"--roi": chosen.roi})
-    chart, names = None, None
-    if chart_file is not None:
-        from ...evaluate.chart.chart_file import load_chart
-
-        chart, charts = load_chart(chart_file)
-        names = chart.names
-    if chart is None or chosen.roi is not None:
+    require_together({"--corners": charts.corners}, {"--chart": charts.chart})
+    chart = None
+    if charts.chart is None:
         rois, image_size, files = read_regions(chosen)
     else:
-        rois, image_size, files = chart.regions(corners) if corners is not None else (), None, []
-    if chart is not None:
-        files += charts
-        if rois and chosen.roi is not None:
-            missing = [name for name in chart.names if name not in [roi.name for roi in rois]]
-            if missing:
-                raise InputError(
-                    f"--roi {chosen.roi} has no region {shown(missing[0])}: draw one for each patch of the chart"
-                )
-            rois = tuple(roi for name in chart.names for roi in rois if roi.name == name)
+        chart, rois, image_size, files = read_chart(charts, chosen)
+    names = [roi.name for roi in rois] if chart is None else chart.names
     files += [] if chosen.require is None else [InputFile.of("requirement", chosen.require)]
     return ImageSettings(
         **chosen.targets(),
         rois=rois,
-        pairs=parse_pairs(chosen, names or [roi.name for roi in rois]) or None,
+        pairs=parse_pairs(chosen, names) or None,
         neighbours=chosen.neighbours,
         rectangle=rectangle,
         chart=chart,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from ...core.disk import real_path
-from ...core.disk.files import open_regular
+from ...core.disk.files import open_regular, shown
 from ...core.errors import InputError
 from ...core.frame import ColourFilter
 from ...core.result import InputFile
@@ -19,7 +19,10 @@ from ...regions import ImageSize, read_region_file, rois_of
 from ..commands import As
 from ..options import Contrasts, Length, Require, Seconds, Temperature, Tolerance, require_apart
 from ..terminal import say
-from ..values import parse_pair, parse_size
+from ..values import parse_corners, parse_pair, parse_size
+
+if TYPE_CHECKING:
+    from ...regions.chart import Chart
 
 
 @dataclass(frozen=True)
@@ -183,6 +186,56 @@ def read_regions(options: PairOptions) -> tuple[tuple[Roi, ...], ImageSize | Non
         return (), None, []
     shapes, image_size, file = read_region_file(options.roi)
     return rois_of(shapes), image_size, [file]
+
+
+@dataclass(frozen=True)
+class ChartOptions:
+    """Options of pictures and videos of a chart.
+
+    Parameters
+    ----------
+    chart
+        Chart file (TOML, see labcdp init chart): all its patches against all, and the dynamic range of the camera. Its
+        patches are found by its marks, by --corners, or are the regions of --roi with their names (for a video: in its
+        first frame).
+    corners : "X,Y X,Y X,Y X,Y"
+        Corners of the chart in pixels: upper left, upper right, lower right, lower left, as the chart is read.
+    """
+
+    chart: Path | None = None
+    corners: Annotated[tuple[tuple[float, float], ...] | None, As(parse=parse_corners)] = None
+
+
+def read_chart(
+    charts: ChartOptions, pairs: PairOptions
+) -> tuple[Chart, tuple[Roi, ...], ImageSize | None, list[InputFile]]:
+    """Read the chart file, and where its patches are as far as that is given.
+
+    Returns
+    -------
+    (Chart, tuple of Roi, (int, int) or None, list of InputFile)
+        The chart, its patches in their order or none, the size of the image they were drawn on, and the records of the
+        files.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or a patch has no region.
+    """
+    from ...evaluate.chart.chart_file import load_chart
+
+    assert charts.chart is not None
+    require_apart({"--corners": charts.corners}, {"--roi": pairs.roi})
+    chart, chart_files = load_chart(charts.chart)
+    if pairs.roi is None:
+        rois = chart.regions(charts.corners) if charts.corners is not None else ()
+        return chart, rois, None, chart_files
+    drawn, image_size, files = read_regions(pairs)
+    named = {roi.name: roi for roi in drawn}
+    missing = [name for name in chart.names if name not in named]
+    if missing:
+        raise InputError(f"--roi {pairs.roi} has no region {shown(missing[0])}: draw one for each patch of the chart")
+    return chart, tuple(named[name] for name in chart.names), image_size, files + chart_files
 
 
 def parse_pairs(options: PairOptions, names: Sequence[str]) -> tuple[tuple[str, str], ...]:

@@ -26,15 +26,17 @@ from ...regions import ImageSize
 from ...report.files import envelope
 from ...tracking import method_among
 from ..commands import As
-from ..options import ClusterOptions, Results, end_by_requirement
+from ..options import ClusterOptions, Results, end_by_requirement, require_apart, require_together
 from ..terminal import progress_bars, say
 from ..values import fraction_of_percent
 from .frames import FrameOptions
 from .options import (
+    ChartOptions,
     LightOptions,
     PairOptions,
     each_once,
     parse_pairs,
+    read_chart,
     read_regions,
     require_kind,
 )
@@ -152,6 +154,7 @@ class FlickerOptions:
 
 def video(
     chosen: VideoPairOptions,
+    charts: ChartOptions,
     flicker: FlickerOptions,
     light: LightOptions,
     frames: FrameOptions,
@@ -167,7 +170,7 @@ def video(
     contrasts of regions at different places include the lens's vignetting. Writes a page with a plot over time, a
     spreadsheet and NetCDF. The same command resumes an interrupted evaluation. Several videos are evaluated on all
     cores, several pairs of a video in one pass. With --flicker the flicker of lamps in the regions is
-    evaluated instead.
+    evaluated instead, with --chart the dynamic range and all patches of a chart.
 
     Example: labcdp video drive.mp4 --roi rois.json --contrast 10%:200%:20 --reference 1000%
 
@@ -177,11 +180,16 @@ def video(
         Video files, folders of numbered images, recorded sessions; or a folder of video files.
     """
     require_kind(files, _no_video)
+    require_together({"--corners": charts.corners}, {"--chart": charts.chart})
+    require_apart({"--chart": charts.chart}, {"--flicker": flicker.flicker or None})
     if flicker.flicker:
         _flicker(chosen, flicker, light, frames, made, where, results, files)
         return
     if flicker.given():
         raise InputError("frames with the lamp off, limits of flicker and the frequency of the lamp need --flicker")
+    if charts.chart is not None:
+        _chart(chosen, charts, light, frames, made, where, results, files)
+        return
     if chosen.colours and chosen.roi is None:
         raise InputError("--colours compares regions: give them with --roi")
     named, pairs, image_size = _regions(chosen)
@@ -261,6 +269,58 @@ def _flicker(
 
         dataset, regions = evaluate_flicker(paths[0], settings, folder, progress=progress)
         result = write_flicker(dataset, regions, folder)
+    results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+
+
+def _chart(
+    chosen: VideoPairOptions,
+    charts: ChartOptions,
+    light: LightOptions,
+    frames: FrameOptions,
+    made: MadeOptions,
+    where: ClusterOptions,
+    results: Results,
+    files: Sequence[Path],
+) -> None:
+    """Evaluate a chart in each frame of a video."""
+    from ...evaluate.chart_video.evaluate import evaluate_chart_video
+    from ...evaluate.chart_video.page import write_chart_video
+    from ...evaluate.chart_video.settings import ChartVideoSettings
+
+    others = {
+        "--pair": chosen.pair, "--neighbours": chosen.neighbours, "--require": chosen.require,
+        "--reference": chosen.reference, "--colours": chosen.colours, "--annotated": made.annotated,
+        "--frames": made.frames, "--cluster": where.cluster,
+    }  # fmt: skip
+    given = [name for name, value in others.items() if value]
+    if given:
+        raise InputError(f"--chart compares all patches: leave {', '.join(given)} out")
+    paths = _paths(files)
+    if len(paths) > 1:
+        raise InputError(f"--chart takes one video, and {len(paths)} are given: evaluate them one after the other")
+    chart, rois, image_size, inputs = read_chart(charts, chosen)
+    settings = ChartVideoSettings(
+        **chosen.targets(),
+        rois=rois,
+        method=chosen.method,
+        image_size=image_size,
+        selection=frames.selection(),
+        damaged=frames.damaged,
+        calibration=light.calibration,
+        camera=light.camera_spec,
+        encoding=light.encoding,
+        chart=chart,
+        inputs=tuple(inputs),
+        **light.stated(),
+    )
+    folder = results.folder(paths[0])
+    with folder, progress_bars() as bars:
+
+        def progress(done: int, total: int | None) -> None:
+            bars.set("Frames", done, done if total is None else total)
+
+        dataset = evaluate_chart_video(paths[0], settings, folder, progress=progress)
+        result = write_chart_video(dataset, folder)
     results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
 from typing import TYPE_CHECKING
@@ -49,6 +49,11 @@ class ChartRange:
     figure: str
     without_glare: bool
     range: DynamicRange
+
+    @property
+    def name(self) -> str:
+        """The figure of merit, for tables and pages."""
+        return f"{self.figure} without glare" if self.without_glare else self.figure
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +132,28 @@ def measure_chart(
     one. The uncertainties of the stated luminances are not part of the intervals of the ranges.
     """
     pixels = {roi.name: RegionPixels.from_map(luminance, roi) for roi in rois}
+    return measure_patches(pixels, unit, chart, contrasts, epsilon, cdp_limit)
+
+
+def measure_patches(
+    pixels: Mapping[str, RegionPixels],
+    unit: str,
+    chart: Chart,
+    contrasts: Sequence[float] | Mapping[str, float] | None,
+    epsilon: Epsilon,
+    cdp_limit: float,
+) -> MeasuredChart:
+    """Measure a chart as `measure_chart`, of the pixels of its patches, or of some of them.
+
+    In place of contrasts, values of the patches may be given, whose contrasts are to be detected.
+    """
     regions = tuple(measure_region(region) for region in pixels.values())
     saturated = np.array([bool(region.bound) for region in regions])
     stated = chart.luminances()
-    by_chart = chart.is_stated and all(
-        region.roi.name in stated for region in regions if not _is_black(chart, region.roi.name)
-    )
+    by_chart = chart.is_stated
     targets: MatrixContrasts = contrasts
-    if contrasts is None and by_chart and len(stated) == len(regions):
+    if contrasts is None and by_chart:
+        # A black patch without a value has no contrast that could be asked for.
         targets = {name: quantity.value for name, quantity in stated.items()}
     means = np.array([region.mean for region in regions])
     axis = np.array([stated[r.roi.name].value if by_chart and r.roi.name in stated else r.mean for r in regions])
@@ -160,7 +179,7 @@ def measure_chart(
     ranges = _ranges(regions, axis, matrix, order, saturated, glare_measured, cdp_limit)
     return MeasuredChart(
         chart, regions, np.where(black, nan, axis), chart.unit if by_chart else unit, saturated, matrix, ranges, glare,
-        isinstance(targets, dict), tuple(findings),
+        contrasts is None and by_chart, tuple(findings),
     )  # fmt: skip
 
 

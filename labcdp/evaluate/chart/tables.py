@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from ...core.table import Column, Table, uncertain, values_of, with_bound
-from .measure import ChartRange, MeasuredChart
+from .measure import MeasuredChart
 
 _PICTURE = Column("picture", "picture", "", "Name of the file.")
 _ENDS = {
@@ -41,7 +41,7 @@ def range_table(charts: Sequence[tuple[str, MeasuredChart]], several: bool) -> T
     )
     columns = (
         replace(_PICTURE, shown=several, value=lambda i: i[0]),
-        Column("figure", "figure of merit", value=lambda i: range_name(i[2])),
+        Column("figure", "figure of merit", value="2.name"),
         Column("limit", "limit", "", "Least value of the figure.", digits=0, value=lambda i: i[2].range.limit),
         *_end_columns("low", unit),
         *_end_columns("high", unit),
@@ -58,11 +58,6 @@ def range_table(charts: Sequence[tuple[str, MeasuredChart]], several: bool) -> T
     )  # fmt: skip
     ordered = columns if several else (*columns[1:], columns[0])
     return Table.of_items("dynamic_range", "Dynamic range", ordered, items, _RANGE_NOTE)
-
-
-def range_name(chart_range: ChartRange) -> str:
-    """Return what a range is by, for tables and pages."""
-    return f"{chart_range.figure} without glare" if chart_range.without_glare else chart_range.figure
 
 
 def _end_columns(end: Literal["low", "high"], unit: str) -> tuple[Column, ...]:
@@ -117,14 +112,15 @@ def matrix_tables(chart: MeasuredChart) -> Iterator[Table]:
             if name == "contrast":
                 continue
             for number, contrast in enumerate(chart.matrix["contrast"].values.tolist()):
-                yield _matrix(f"{name} {100 * contrast:g}%", f"{title} at {100 * contrast:g} %", names,
-                              values.isel(contrast=number).values, probability)  # fmt: skip
+                yield matrix_table(f"{name} {100 * contrast:g}%", f"{title} at {100 * contrast:g} %", names,
+                                   values.isel(contrast=number).values, probability)  # fmt: skip
         elif values.ndim == 2:
-            yield _matrix(f"{name} matrix", title, names, values.values, probability)
+            yield matrix_table(f"{name} matrix", title, names, values.values, probability)
 
 
-def _matrix(name: str, title: str, names: Sequence[str], values: Any, probability: bool) -> Table:
-    unit = "%" if "contrast" in name.split(" ")[0] else ""
+def matrix_table(name: str, title: str, names: Sequence[str], values: Any, probability: bool, unit: str = "") -> Table:
+    """Return the values of all patches against all."""
+    unit = "%" if "contrast" in name.split(" ")[0] else unit
     columns = (
         Column("patch", "patch"),
         *(Column(f"patch_{at}", label, unit, decimals=5 if probability else None) for at, label in enumerate(names, 1)),

@@ -126,6 +126,15 @@ class PartRun:
         return (nan if self._first_contrast is None else self._first_contrast,)
 
     @property
+    def methods(self) -> dict[Roi, str]:
+        """The regions that are followed, and how."""
+        return dict(zip(self.settings.rois, self.settings.methods, strict=True))
+
+    def cannot_follow(self, error: NotFollowedError) -> None:
+        """Take note that a region cannot be followed."""
+        self.failure = error
+
+    @property
     def done(self) -> bool:
         """Whether no frame is needed any more."""
         return self.end is not None and self.observer is None
@@ -328,7 +337,7 @@ class VideoRun:
         self._parts = [part for part in self._parts if part.failure is None]
         self._methods: dict[Roi, str] = {}
         for part in self._parts:
-            self._methods |= zip(part.settings.rois, part.settings.methods, strict=True)
+            self._methods |= part.methods
         self._follows = any(method != "fixed" for method in self._methods.values())
 
     def run(self, progress: Progress | None) -> None:
@@ -430,8 +439,8 @@ class VideoRun:
                 return make_tracker(tuple(self._methods.values()), first.followed, tuple(self._methods), first.levels)
             except NotFollowedError as error:
                 for part in self._parts:
-                    if any(roi.name == error.region for roi in part.settings.rois):
-                        part.failure = error
+                    if any(roi.name == error.region for roi in part.methods):
+                        part.cannot_follow(error)
                 self._choose_regions()
 
 

@@ -270,7 +270,8 @@ def _nodes(name: str, values: Mapping[str, Any]) -> str:
     elif "unit" in values:
         to, back = ("1000000 / FROM", "1000000 / TO")
         if not values.get("period"):
-            to, back = f"FROM * {values['steps']}", f"TO / {values['steps']}"
+            # Of whole numbers some clients take the whole part.
+            to, back = f"FROM * {values['steps']}", f"TO / {values['steps']:.1f}"
         body = f"{conditions}<pValue>{name}Converter</pValue>{_limits(values)}<Unit>{values['unit']}</Unit>"
         converter = f"<FormulaTo>{to}</FormulaTo><FormulaFrom>{back}</FormulaFrom>{register}"
         feature = _node("Float", name, body) + _node("Converter", f"{name}Converter", converter)
@@ -281,7 +282,9 @@ def _nodes(name: str, values: Mapping[str, Any]) -> str:
     index = f'<pIndex Offset="4">{values["index"]}Register</pIndex>' if "index" in values else ""
     port = _chunk_port(values["chunk"]) if "chunk" in values else "Device"
     body = f"<Address>{_address(values):#x}</Address>{index}<Length>{values.get('bytes', 4)}</Length>"
-    body += f"<AccessMode>{access}</AccessMode><pPort>{port}</pPort>{half}<Sign>Unsigned</Sign>"
+    # Others than the client change them.
+    cached = "<Cachable>NoCache</Cachable>" if access == "RO" else ""
+    body += f"<AccessMode>{access}</AccessMode><pPort>{port}</pPort>{cached}{half}<Sign>Unsigned</Sign>"
     body += "<Endianess>BigEndian</Endianess>"
     return feature + _node("MaskedIntReg" if half else "IntReg", f"{name}Register", body)
 

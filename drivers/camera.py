@@ -252,6 +252,11 @@ class Camera(Device, Protocol):
         return ()
 
     @property
+    def driver(self) -> str:
+        """Software that brings its frames here, with its version; empty for none but labcdp."""
+        return ""
+
+    @property
     def not_understood(self) -> tuple[str, ...]:
         """Names of writable features of which labcdp does not know what they do to a picture."""
         return ()

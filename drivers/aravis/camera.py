@@ -20,6 +20,7 @@ from .chunks import ChunkData
 from .connection import Connection, require_kept, take_snapshot
 from .features import described_features, read_feature, readable_features, write_feature
 from .known_state import not_understood
+from .library import aravis_version
 from .settings import SettingChanges, change_setting, exposure_range_s, read_settings, temperature_c, understood_gains
 from .settings import configure as change_settings
 from .stream import FrameStream
@@ -110,6 +111,11 @@ class AravisCamera(Camera):
     def identity(self) -> CameraIdentity:
         """Vendor, model and serial number; raises CameraError if not open."""
         return self._connection.link.identity
+
+    @property
+    def driver(self) -> str:
+        """Aravis, with its version and where its library is."""
+        return f"Aravis {aravis_version()}"
 
     @property
     def settings(self) -> CameraSettings:

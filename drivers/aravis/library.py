@@ -7,6 +7,7 @@ import ctypes
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -63,8 +64,45 @@ def aravis() -> ModuleType:
             "run 'apt install gir1.2-aravis-0.8 python3-gi' and use a virtual "
             "environment made by /usr/bin/python3 with --system-site-packages",
         ) from error
+    try:
+        # A library lacks what a later typelib lists.
+        for name in _ENUMERATIONS:
+            getattr(Aravis, name)
+    except ValueError as error:
+        raise CameraError(
+            f"the GObject typelib of Aravis is of another version than its library, {aravis_version()} ({error})",
+            "let GI_TYPELIB_PATH and LD_LIBRARY_PATH name folders of one installation, or neither",
+        ) from error
     module: ModuleType = Aravis
     return module
+
+
+#: Enumerations that labcdp uses.
+_ENUMERATIONS = ("BufferStatus", "BufferPayloadType", "AcquisitionMode", "DeviceError", "GvStreamPacketResend")
+#: Name by which Aravis' library is loaded, of any version with this interface.
+_LIBRARY = "libaravis-0.8.so.0"
+
+
+@cache
+def aravis_c() -> ctypes.CDLL:
+    """Return the library that the GObject typelib of Aravis has loaded."""
+    return ctypes.CDLL(_LIBRARY)
+
+
+def aravis_version() -> str:
+    """Return version and path of Aravis' library, Debian's or any other with its GObject typelib.
+
+    Examples
+    --------
+    >>> from labcdp.drivers.aravis.library import aravis_version
+    >>> aravis_version()  # doctest: +SKIP
+    '0.8.26 (/usr/lib/x86_64-linux-gnu/libaravis-0.8.so.0.8.26)'
+    """
+    library = aravis_c()
+    version = ".".join(str(getattr(library, f"arv_get_{part}_version")()) for part in ("major", "minor", "micro"))
+    loaded = [line.split(maxsplit=5)[-1].strip() for line in Path("/proc/self/maps").read_text().splitlines()]
+    path = next((name for name in loaded if "libaravis-0.8" in name), "")
+    return f"{version} ({path})" if path else version
 
 
 def gerror() -> Any:
@@ -145,7 +183,7 @@ def choose(cameras: list[CameraInfo], selector: str | None) -> CameraInfo:
 @cache
 def _c_function(name: str) -> Any:
     """Return a function of a pointer that gives a pointer and a number of bytes."""
-    function = getattr(ctypes.CDLL("libaravis-0.8.so.0"), name)
+    function = getattr(aravis_c(), name)
     function.restype, function.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.POINTER(ctypes.c_size_t)]
     return function
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import psutil
 
 from ..aravis.gvcp import GVCP_PORT
-from ..aravis.library import aravis
+from ..aravis.library import aravis, aravis_version
 from ..camera import CameraError
 from ..check import Check, State
 from ..computer import (
@@ -151,8 +151,8 @@ def aravis_check(root: Path = Path("/")) -> Check:
     import gi
 
     versions = ", ".join(f"{name} {version}" for name, version in (packages or {}).items())
-    known = f" ({versions})" if versions else ""
-    return Check("Aravis", "good", f"Aravis 0.8 is installed, with PyGObject {gi.__version__}{known}")
+    known = f"; Debian's packages are {versions}" if versions else ""
+    return Check("Aravis", "good", f"{aravis_version()}, with PyGObject {gi.__version__}{known}")
 
 
 def debian_packages(database: Path = Path("/var/lib/dpkg")) -> dict[str, str] | None:

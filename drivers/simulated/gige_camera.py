@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..aravis.gvcp import STREAM_CHANNEL_PORT
-from ..aravis.library import aravis
+from ..aravis.library import aravis, aravis_c
 from ..camera import CameraError
 from ..device import Device, on_error
 from .commands import RESEND_KINDS, CameraFaults
@@ -48,7 +48,7 @@ _FillPattern = ctypes.CFUNCTYPE(
 @cache
 def _aravis_c() -> ctypes.CDLL:
     """Load Aravis' C library, with the types of the functions used of it."""
-    library, pointer, number = ctypes.CDLL("libaravis-0.8.so.0"), ctypes.c_void_p, ctypes.c_uint64
+    library, pointer, number = aravis_c(), ctypes.c_void_p, ctypes.c_uint64
     for name, result, arguments in (
         ("arv_buffer_get_data", pointer, (pointer, pointer)),
         ("arv_buffer_get_frame_id", number, (pointer,)),

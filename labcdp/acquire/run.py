@@ -185,9 +185,8 @@ def _begin(session: Session, camera: Camera, meter: Meter, report: Report) -> No
     session.add_event("devices", {"camera": asdict(camera.identity), "meter": asdict(meter.identity)})
     session.add_event("camera setup", asdict(setup))
     not_understood = list(camera.not_understood)
-    session.add_event(
-        "camera features", {"features": json_features(camera.features()), "not understood": not_understood}
-    )
+    features = {"features": json_features(camera.features()), "not understood": not_understood}
+    session.add_event("camera features", features | {"driver": camera.driver})
     if not_understood:
         _log.info("camera features left unchanged: %s", ", ".join(not_understood))
 

@@ -1,4 +1,4 @@
-"""The simulated camera as others see it: two GigE Vision clients for Python that share no code with labcdp or Aravis."""
+"""The simulated camera as others see it: two GigE Vision clients for Python that share no code with labcdp."""
 
 import struct
 from dataclasses import replace

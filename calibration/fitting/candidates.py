@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 from math import comb, log, log1p
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,14 +23,6 @@ _N_KNOTS, _REACH = 64, 1.1
 _N_PLACES, _LOWEST_KNEE = 20, 1e-3
 #: Start of the exponent of a gamma.
 _START_GAMMA = 2.0
-
-
-class Curve(NamedTuple):
-    """c(n) = h(n) / R at signals n, shape (n,): values, slopes, and derivatives by the parameters, shape (n, p)."""
-
-    value: Array
-    slope: Array
-    jacobian: Array
 
 
 @dataclass(frozen=True)
@@ -79,7 +70,7 @@ class CandidateModel:
     def shape(self, net_dn: Array) -> Array:
         """Return the approximate shape of c: h of a table or of a typical gamma, else the signal itself."""
         if self.kind == "gamma":
-            return self.curve(np.array([1.0, _START_GAMMA]), net_dn).value
+            return self.curve(np.array([1.0, _START_GAMMA]), net_dn)[0]
         return net_dn if self.bracket is None else self.bracket.response.linearise(net_dn)
 
     def errors(self, net_dn: Array) -> Array:
@@ -95,27 +86,45 @@ class CandidateModel:
         second = _START_GAMMA if self.kind == "gamma" else 0.0
         return np.array([slope, second, 0.0][: self.n_parameters])
 
-    def curve(self, parameters: Array, net_dn: Array) -> Curve:
-        """Evaluate at signals, shape (n,); beyond n_max a pchip continues with the slope there."""
+    def curve(self, parameters: Array, net_dn: Array) -> tuple[Array, Array]:
+        """Values and slopes at signals, both of shape (n,); beyond n_max a pchip continues with the slope there."""
         top = self.knots_dn[-1]
         if self.kind == "linear":
-            return Curve(parameters[0] * net_dn, np.full(net_dn.shape, parameters[0]), net_dn[:, None])
+            return parameters[0] * net_dn, np.full(net_dn.shape, parameters[0])
         if self.kind in ("quadratic", "cubic"):
             powers = np.arange(1, self.n_parameters + 1)
-            jacobian = top * (net_dn[:, None] / top) ** powers
             slope = ((net_dn[:, None] / top) ** (powers - 1) * powers) @ parameters
-            return Curve(jacobian @ parameters, slope, jacobian)
+            return self._powers(net_dn) @ parameters, slope
         if self.kind == "gamma":
             b, g = parameters
-            ratio = np.maximum(1 + net_dn / self.dark_dn, 1e-6)
-            shape = (ratio**g - 1) * self.dark_dn / g
-            by_g = b * (ratio**g * np.log(ratio) * self.dark_dn - shape) / g
-            return Curve(b * shape, b * ratio ** (g - 1), np.column_stack([shape, by_g]))
+            ratio = self._ratio(net_dn)
+            return b * ((ratio**g - 1) * self.dark_dn / g), b * ratio ** (g - 1)
         if self.bracket is not None:
             h = self.bracket.response
-            value, slope = h.linearise(net_dn), h.slope(net_dn)
-            return Curve(parameters[0] * value, parameters[0] * slope, value[:, None])
-        return self._curve_with_knots(parameters, net_dn)
+            return parameters[0] * h.linearise(net_dn), parameters[0] * h.slope(net_dn)
+        return self._pchip(parameters, net_dn) if self.kind == "pchip" else self._knees(parameters, net_dn)
+
+    def jacobian(self, parameters: Array, net_dn: Array) -> Array:
+        """Derivatives of the values by the parameters, shape (n, p); of a pchip and of knees by finite differences."""
+        if self.kind == "linear":
+            return net_dn[:, None]
+        if self.kind in ("quadratic", "cubic"):
+            return self._powers(net_dn)
+        if self.kind == "gamma":
+            b, g = parameters
+            ratio = self._ratio(net_dn)
+            shape = (ratio**g - 1) * self.dark_dn / g
+            by_g = b * (ratio**g * np.log(ratio) * self.dark_dn - shape) / g
+            return np.column_stack([shape, by_g])
+        if self.bracket is not None:
+            return self.bracket.response.linearise(net_dn)[:, None]
+        value, _ = self.curve(parameters, net_dn)
+        columns = []
+        for k, step in enumerate(1e-6 * np.abs(parameters)):
+            moved = parameters.copy()
+            moved[k] += step
+            columns.append((self.curve(moved, net_dn)[0] - value) / step)
+        return np.column_stack(columns)
 
     def rises(self, parameters: Array) -> bool:
         """Whether c is zero at zero and strictly rising up to n_max."""
@@ -124,7 +133,7 @@ class CandidateModel:
         if self.kind == "knees":
             return all(bool((np.diff(line) > 0).all()) for line in self._lines(parameters))
         steps = self.knots_dn[-1] * np.linspace(0, 1, 1 if self.bracket else _N_KNOTS)
-        return bool(parameters[0] > 0 and (self.curve(parameters, steps).slope > 0).all())
+        return bool(parameters[0] > 0 and (self.curve(parameters, steps)[1] > 0).all())
 
     def response(self, parameters: Array) -> tuple[Response, float]:
         """Return h, normalised at small signals (see `Response`), and R in DN s^-1 / (cd m^-2)."""
@@ -140,20 +149,17 @@ class CandidateModel:
         else:
             edge = self.dark_dn if self.kind == "gamma" else top
             knots = edge * np.expm1(np.linspace(0, log1p(_REACH * top / edge), _N_KNOTS))
-            values = self.curve(parameters, knots).value
+            values = self.curve(parameters, knots)[0]
         responsivity = float(knots[1] / values[1])
         return Response(self.kind, tuple(knots.tolist()), tuple((values * responsivity).tolist())), responsivity
 
-    def _curve_with_knots(self, parameters: Array, net_dn: Array) -> Curve:
-        """Evaluate a pchip, or a response with knees, with finite differences by the parameters."""
-        evaluated = self._pchip if self.kind == "pchip" else self._knees
-        value, slope = evaluated(parameters, net_dn)
-        columns = []
-        for k, step in enumerate(1e-6 * np.abs(parameters)):
-            moved = parameters.copy()
-            moved[k] += step
-            columns.append((evaluated(moved, net_dn)[0] - value) / step)
-        return Curve(value, slope, np.column_stack(columns))
+    def _powers(self, net_dn: Array) -> Array:
+        top = self.knots_dn[-1]
+        powers: Array = top * (net_dn[:, None] / top) ** np.arange(1, self.n_parameters + 1)
+        return powers
+
+    def _ratio(self, net_dn: Array) -> Array:
+        return np.maximum(1 + net_dn / self.dark_dn, 1e-6)
 
     def _pchip(self, parameters: Array, net_dn: Array) -> tuple[Array, Array]:
         from scipy.interpolate import PchipInterpolator
@@ -165,9 +171,9 @@ class CandidateModel:
 
     def _knees(self, parameters: Array, net_dn: Array) -> tuple[Array, Array]:
         knots, values = self._lines(parameters)
-        inside = np.clip(net_dn, 0, knots[-1])
-        slopes = np.diff(values) / np.diff(knots)
-        slope = slopes[np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, slopes.size - 1)]
+        inside = np.minimum(np.maximum(net_dn, 0), knots[-1])
+        slopes = (values[1:] - values[:-1]) / (knots[1:] - knots[:-1])
+        slope = slopes[np.searchsorted(knots[1:-1], inside, side="right")]
         return np.interp(inside, knots, values) + slope * (net_dn - inside), slope
 
     def _lines(self, parameters: Array) -> tuple[Array, Array]:

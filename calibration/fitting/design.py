@@ -159,12 +159,22 @@ class Design:
             slope**2 * (self.signals.noise_variance_dn2 + self.scatter_each_dn.size**2)
             + (self.scatter_each_rel.size * luminance) ** 2
         )
-        by_patch = np.hypot(self.own_rel, self.scatter_rel.size)[self.patch] * level
-        uneven = self.signals.dark_nonuniformity_dn * slope
-        of_patch = self.reading_variance[self.patch][:, None] + np.outer(by_patch, by_patch) + np.outer(uneven, uneven)
+        of_patch = np.array([self._patch_rel * level, self.signals.dark_nonuniformity_dn * slope])
         patterns = self.patterns(level, slope)
-        covariance: Array = np.diag(single) + np.where(self.same_patch, of_patch, 0.0) + patterns.T @ patterns
+        within_patches = self.same_patch * (of_patch.T @ of_patch)
+        covariance: Array = np.diag(single) + self._reading_covariance + within_patches + patterns.T @ patterns
         return covariance
+
+    @cached_property
+    def _patch_rel(self) -> Array:
+        """Relative standard uncertainty of each observation by its patch alone, shape (n,)."""
+        patch_rel: Array = np.hypot(self.own_rel, self.scatter_rel.size)[self.patch]
+        return patch_rel
+
+    @cached_property
+    def _reading_covariance(self) -> Array:
+        """Covariance of the random parts of the readings, shape (n, n)."""
+        return np.where(self.same_patch, self.reading_variance[self.patch][:, None], 0.0)
 
     def patterns(self, level: Array, slope: Array) -> Array:
         """Effects of the common errors on the luminances, shape (k, n)."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...core.dn import Response
 from ...core.errors import CalibrationError
-from .candidates import CandidateModel, Curve
+from .candidates import CandidateModel
 from .design import Array, Design
 
 _TOLERANCE = 1e-12
@@ -133,7 +133,8 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
     CalibrationError
         If there is no minimum, or the response is not increasing.
     """
-    from scipy.linalg import cholesky, solve_triangular
+    # LAPACK itself: what checks and converts around it takes longer than matrices this small.
+    from scipy.linalg.lapack import dpotrf, dtrtrs
     from scipy.optimize import least_squares
 
     weighting = _weighting(design, candidate)
@@ -141,12 +142,11 @@ def solve(design: Design, candidate: CandidateModel) -> Solution:
     scale = np.maximum(np.abs(start), 1e-3 * np.abs(start[0]))
 
     def standardised(scaled: Array) -> Array:
-        luminance, slope, _ = _luminances(design, candidate, scaled * scale)
-        try:
-            root = cholesky(weighting.covariance(luminance, slope), lower=True)
-        except (np.linalg.LinAlgError, ValueError):
+        luminance, slope = _luminances(design, candidate, scaled * scale)
+        root, failed = dpotrf(weighting.covariance(luminance, slope), lower=True)
+        if failed or not np.isfinite(root).all():
             return np.full(luminance.size, _IMPOSSIBLE)
-        residual: Array = solve_triangular(root, luminance - design.readings, lower=True, check_finite=False)
+        residual: Array = dtrtrs(root, luminance - design.readings, lower=True)[0]
         return residual
 
     try:
@@ -192,7 +192,8 @@ def solution_at(design: Design, candidate: CandidateModel, parameters: Array) ->
         # With the shape of a bracket only the scale is free: no positive one is a contradiction.
         text = f"the {candidate.kind} response does not rise with luminance: {_CHECK}"
         raise CalibrationError(text if candidate.bracket is None else _CONTRADICTS)
-    luminance, slope, jacobian = _luminances(design, candidate, parameters)
+    luminance, slope = _luminances(design, candidate, parameters)
+    jacobian = _jacobian(design, candidate, parameters)
     normal = jacobian.T @ np.linalg.inv(_weighting(design, candidate).covariance(luminance, slope))
     by_shape = luminance * candidate.errors(design.net_dn)
     covariance = design.covariance(luminance, slope) + by_shape.T @ by_shape
@@ -220,13 +221,24 @@ def _start(design: Design, candidate: CandidateModel) -> Array:
     return np.concatenate([candidate.start(float(slopes[0])), slopes[1:] / slopes[0]])
 
 
-def _luminances(design: Design, candidate: CandidateModel, parameters: Array) -> Curve:
-    """Luminances of the observations, and their derivatives by the DN and by all parameters."""
-    n = candidate.n_parameters
-    curve = candidate.curve(parameters[:n], design.net_dn)
-    gain, scale_per_s = design.signals.gain_index, design.signals.scale_per_s
-    factor = scale_per_s * np.concatenate([[1.0], parameters[n:]])[gain]
-    by_factor = np.equal.outer(gain, np.arange(1, parameters.size - n + 1))
-    by_gain = np.where(by_factor, (scale_per_s * curve.value)[:, None], 0.0)
-    jacobian = np.column_stack([factor[:, None] * curve.jacobian, by_gain])
-    return Curve(factor * curve.value, factor * curve.slope, jacobian)
+def _luminances(design: Design, candidate: CandidateModel, parameters: Array) -> tuple[Array, Array]:
+    """Luminances of the observations, and their derivatives by the DN."""
+    value, slope = candidate.curve(parameters[: candidate.n_parameters], design.net_dn)
+    factor = _factors(design, candidate, parameters)
+    return factor * value, factor * slope
+
+
+def _factors(design: Design, candidate: CandidateModel, parameters: Array) -> Array:
+    """Factors of the observations by exposure, place and gain."""
+    by_gain = np.concatenate([[1.0], parameters[candidate.n_parameters :]])
+    factors: Array = design.signals.scale_per_s * by_gain[design.signals.gain_index]
+    return factors
+
+
+def _jacobian(design: Design, candidate: CandidateModel, parameters: Array) -> Array:
+    """Derivatives of the luminances by all parameters, shape (n, p)."""
+    n, gain = candidate.n_parameters, design.signals.gain_index
+    value, _ = candidate.curve(parameters[:n], design.net_dn)
+    by_curve = _factors(design, candidate, parameters)[:, None] * candidate.jacobian(parameters[:n], design.net_dn)
+    this_gain = np.equal.outer(gain, np.arange(1, parameters.size - n + 1))
+    return np.column_stack([by_curve, np.where(this_gain, (design.signals.scale_per_s * value)[:, None], 0.0)])

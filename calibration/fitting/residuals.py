@@ -184,7 +184,7 @@ def next_response_error(solution: Solution, candidates: Sequence[CandidateModel]
 
     def change(net_dn: Array) -> Array:
         before, after = (
-            fitted.candidate.curve(fitted.parameters[: fitted.candidate.n_parameters], net_dn).value
+            fitted.candidate.curve(fitted.parameters[: fitted.candidate.n_parameters], net_dn)[0]
             for fitted in (solution, other)
         )
         return after / before - 1
@@ -219,6 +219,7 @@ def finite(dof: float) -> float | None:
 def _error(solution: Solution, source: str, step: Array, dof: float = inf) -> FitError:
     """Return the change of the luminances by a step of all parameters."""
     n, nodes = solution.candidate.n_parameters, _nodes(solution.candidate)
-    curve = solution.candidate.curve(solution.parameters[:n], nodes)
-    relative, of_gains = curve.jacobian @ step[:n] / curve.value, step[n:] / solution.parameters[n:]
+    value, _ = solution.candidate.curve(solution.parameters[:n], nodes)
+    relative = solution.candidate.jacobian(solution.parameters[:n], nodes) @ step[:n] / value
+    of_gains = step[n:] / solution.parameters[n:]
     return FitError(source, tuple(nodes.tolist()), tuple(relative.tolist()), tuple(of_gains.tolist()), dof=finite(dof))

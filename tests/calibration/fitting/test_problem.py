@@ -58,10 +58,11 @@ class _FreeLine(CandidateModel):
         return True
 
     def curve(self, parameters, net_dn):
-        curve = super().curve(parameters[:1], net_dn)
-        return curve._replace(
-            value=curve.value + parameters[1], jacobian=np.column_stack([curve.jacobian, np.ones_like(net_dn)])
-        )
+        value, slope = super().curve(parameters[:1], net_dn)
+        return value + parameters[1], slope
+
+    def jacobian(self, parameters, net_dn):
+        return np.column_stack([super().jacobian(parameters[:1], net_dn), np.ones_like(net_dn)])
 
 
 def test_york_and_pearson():

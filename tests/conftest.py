@@ -90,26 +90,25 @@ def _move_to_own_network() -> None:
 
 
 @contextmanager
-def forking_server():
-    """Start a process that forks for each command; give the path of its socket."""
+def forking_server(without=()):
+    """Start a process that forks for each command, maybe without some libraries; give the path of its socket."""
     with tempfile.TemporaryDirectory() as folder:
         path = f"{folder}/forking"
         with socket.socket(socket.AF_UNIX) as listening:
             listening.bind(path)
             # Who connects early waits for the imports.
             listening.listen()
-            program = [sys.executable, Path(__file__).with_name("forking.py"), str(listening.fileno())]
+            program = [sys.executable, Path(__file__).with_name("forking.py"), str(listening.fileno()), *without]
             process = subprocess.Popen(program, stdin=subprocess.PIPE, pass_fds=[listening.fileno()])
         with process:
             yield path
             process.stdin.close()
 
 
-@pytest.fixture(scope="session")
-def forking():
-    """Stream of requests to a process that forks for each command; see its file."""
+@contextmanager
+def connected(path):
+    """Give the stream of requests to a process that forks for each command; see its file."""
     with (
-        nullcontext(os.environ[_FORKING]) if _FORKING in os.environ else forking_server() as path,
         socket.socket(socket.AF_UNIX) as connection,
         open("/proc/thread-self/ns/net") as network,
     ):
@@ -117,6 +116,14 @@ def forking():
         socket.send_fds(connection, [b"n"], [network.fileno()])
         with connection.makefile("rw") as stream:
             yield stream
+
+
+@pytest.fixture(scope="session")
+def forking():
+    """Stream of requests to a process that forks for each command, for all tests of this process."""
+    server = nullcontext(os.environ[_FORKING]) if _FORKING in os.environ else forking_server()
+    with server as path, connected(path) as stream:
+        yield stream
 
 
 class Started:
@@ -211,6 +218,11 @@ def nursery(request):
 @pytest.fixture(scope="session")
 def labcdp_in(tmp_path_factory, start_in):
     """Run the command in a folder, as from a terminal; returns the finished process."""
+    return runs_with(start_in, tmp_path_factory)
+
+
+def runs_with(start_in, tmp_path_factory):
+    """Make the function that starts a command in a folder and waits for its end."""
 
     def run(folder, *arguments, stdin=None, timeout_s=900, environment=()):
         typed = os.devnull

@@ -1,13 +1,14 @@
 """The plain package suffices for counting, pictures, chains and sessions; other commands name their extra."""
 
-import subprocess
-import sys
 import tomllib
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+
+from .conftest import Started, connected, forking_server, runs_with
 
 ROOT = Path(__file__).parents[1]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
@@ -16,14 +17,15 @@ LIBRARIES = ("av", "distributed", "panel", "plotly")
 SESSION = ROOT / "labcdp" / "data" / "example-session"
 
 
-def plain(folder, *arguments):
-    """Run labcdp in a process that has no library of the extras."""
-    program = (
-        f"import sys; sys.modules.update(dict.fromkeys({LIBRARIES!r})); sys.argv[0] = 'labcdp'\n"
-        "from labcdp.cli import main; main()"
-    )
-    words = [sys.executable, "-c", program, *map(str, arguments)]
-    return subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=600)
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory):
+    """Run labcdp in a process that has no library of the extras; returns the finished process."""
+    with forking_server(LIBRARIES) as path, connected(path) as stream:
+        start = partial(Started, stream)
+        yield runs_with(
+            lambda folder, *words, **options: start(folder, words, tmp_path_factory.mktemp("streams"), **options),
+            tmp_path_factory,
+        )
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +50,7 @@ def folder(tmp_path_factory):
     ],
     ids=lambda arguments: arguments[0],
 )
-def test_the_plain_package_suffices(folder, arguments, tmp_path):
+def test_the_plain_package_suffices(plain, folder, arguments, tmp_path):
     output = [] if arguments[0] == "info" else ["--output", tmp_path / "out"]
     done = plain(folder, *arguments, *output)
     assert done.returncode == 0, done.stderr
@@ -67,7 +69,7 @@ def test_the_plain_package_suffices(folder, arguments, tmp_path):
     ],
     ids=lambda value: value if isinstance(value, str) else value[0],
 )
-def test_a_command_that_lacks_a_library_says_which_extra_brings_it(folder, arguments, extra, tmp_path):
+def test_a_command_that_lacks_a_library_says_which_extra_brings_it(plain, folder, arguments, extra, tmp_path):
     (folder / "drive.mp4").write_bytes(b"\0\0\0\x18ftypisom")
     done = plain(folder, *arguments)
     assert done.returncode == 1

@@ -105,7 +105,7 @@ class CandidateModel:
         return self._pchip(parameters, net_dn) if self.kind == "pchip" else self._knees(parameters, net_dn)
 
     def jacobian(self, parameters: Array, net_dn: Array) -> Array:
-        """Derivatives of the values by the parameters, shape (n, p); of a pchip and of knees by finite differences."""
+        """Return derivatives of the values by the parameters, shape (n, p); of pchip and knees by differences."""
         if self.kind == "linear":
             return net_dn[:, None]
         if self.kind in ("quadratic", "cubic"):

@@ -236,7 +236,7 @@ def _factors(design: Design, candidate: CandidateModel, parameters: Array) -> Ar
 
 
 def _jacobian(design: Design, candidate: CandidateModel, parameters: Array) -> Array:
-    """Derivatives of the luminances by all parameters, shape (n, p)."""
+    """Return derivatives of the luminances by all parameters, shape (n, p)."""
     n, gain = candidate.n_parameters, design.signals.gain_index
     value, _ = candidate.curve(parameters[:n], design.net_dn)
     by_curve = _factors(design, candidate, parameters)[:, None] * candidate.jacobian(parameters[:n], design.net_dn)

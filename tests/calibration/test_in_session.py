@@ -63,10 +63,10 @@ def test_the_dark_signal_is_that_of_the_session(calibration, dark_s, rate_dn_s):
     assert seen.U_rel < 0.03
 
 
-def test_stated_uncertainties_hold_for_black_levels_of_sessions(setup):
+@pytest.mark.parametrize("n", [12, pytest.param(40, marks=pytest.mark.long)])
+def test_stated_uncertainties_hold_for_black_levels_of_sessions(setup, n):
     """Share of stated intervals that hold, within 3 sigma / sqrt(N); by the calibration's dark signal few do."""
     inside = {"own": 0, "of the calibration": 0}
-    n = 40
     for seed in range(n):
         rng = np.random.default_rng(seed)
         calibration = fit(*bench(SimulatedCamera(), rng=rng, luminances=(0.5, 2.0, 8.0, 30.0, 120.0)), setup)

@@ -109,7 +109,7 @@ def prediction(chain):
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-@settings(max_examples=6)
+@settings(max_examples=3)
 @given(data=st.data())
 def test_changed_values_are_the_same_everywhere(preset, data):
     chain = Chain.from_toml(text_of(preset))
@@ -201,7 +201,7 @@ def cameras(draw):
     return with_parts(made, parts(made) | {name: replace(new[name], **changes.get(name, {})) for name in edited})
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(chain=cameras(), seed=st.integers(0, 2**31))
 def test_exact_and_simulated_agree(chain, seed):
     """Within five standard errors, and what the classes of mixed pixels and the vignetting may differ."""

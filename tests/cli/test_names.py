@@ -46,8 +46,14 @@ def renamed(inputs, tmp_path, monkeypatch):
     return rename
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("kind", NAMES)
+@pytest.mark.parametrize(
+    ("kind", "command"),
+    [
+        pytest.param(kind, command, marks=() if kind == "bytes" or command == "image" else pytest.mark.long)
+        for kind in NAMES
+        for command in COMMANDS
+    ],
+)
 def test_results_of_a_file_of_any_name(renamed, capsys, kind, command):
     name = NAMES[kind]
     renamed(name)

@@ -1,9 +1,6 @@
 """Companded data: each code of each curve, files as cameras write them, and what is refused."""
 
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -111,8 +108,7 @@ def test_the_contrast_is_that_of_the_linear_values(tmp_path):
     assert raw.regions(pair).cdp(25.0)["measured_contrast"].item() < 1
 
 
-def test_command_line_folder_of_frames_and_camera_specification(tmp_path):
-    program = Path(sys.executable).with_name("labcdp")
+def test_command_line_folder_of_frames_and_camera_specification(tmp_path, labcdp_in):
     frames = tmp_path / "frames"
     frames.mkdir()
     for number in range(3):
@@ -134,7 +130,7 @@ def test_command_line_folder_of_frames_and_camera_specification(tmp_path):
         ("image", "frames/0.tif", *asked, "--camera-spec", "camera.toml", "-o", "c"),
         ("video", "frames", *asked, "--encoding", "AR0231", "--method", "fixed", "-o", "d"),
     ):
-        done = subprocess.run([program, command, *options], cwd=tmp_path, capture_output=True, text=True, timeout=600)
+        done = labcdp_in(tmp_path, command, *options)
         assert done.returncode == 0, done.stderr
         assert "standard curve" not in done.stdout + done.stderr
     contrasts = [

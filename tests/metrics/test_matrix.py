@@ -52,9 +52,10 @@ def exact_range(contrast, epsilon):
     return low, inf if above is None else middle * (1 + Fraction(str(above)))
 
 
-def test_2000_random_matrices_are_those_of_exact_arithmetic(all_contrasts):
+@pytest.mark.parametrize("n", [200, pytest.param(2000, marks=pytest.mark.long)])
+def test_random_matrices_are_those_of_exact_arithmetic(all_contrasts, n):
     rng, n_open = np.random.default_rng(1), 0
-    for _ in range(2000):
+    for _ in range(n):
         regions, epsilon, contrast = random_regions(rng), random_tolerance(rng), float(rng.integers(1, 100)) / 100
         low, high = exact_range(contrast, epsilon)
         n_open += not (isfinite(low) and isfinite(high))
@@ -71,7 +72,7 @@ def test_2000_random_matrices_are_those_of_exact_arithmetic(all_contrasts):
                 sum(value > high for value in flat),
             )
             assert shares[:, i, j].tolist() == [count / len(flat) for count in counts]
-    assert n_open > 500
+    assert n_open > n / 4
 
 
 @pytest.fixture(scope="module")
@@ -179,9 +180,10 @@ def test_normal_patches_give_the_closed_form():
         )
 
 
+@pytest.mark.parametrize(("repeats", "off"), [(100, 0.065), pytest.param(500, 0.02, marks=pytest.mark.long)])
 @pytest.mark.parametrize("shape", [(225,), (15, 15), (25, 25)])
-def test_intervals_of_a_matrix_cover_the_truth_in_93_to_97_percent(shape):
-    levels, deviation, repeats = {"a": 100.0, "b": 115.0, "c": 135.0, "d": 160.0}, 0.08, 500
+def test_intervals_of_a_matrix_cover_the_truth_in_95_percent(shape, repeats, off):
+    levels, deviation = {"a": 100.0, "b": 115.0, "c": 135.0, "d": 160.0}, 0.08
     rng, pairs = np.random.default_rng(21), [("b", "a"), ("c", "b"), ("d", "c"), ("c", "a")]
     contrast = 0.2
     truths = [
@@ -195,8 +197,8 @@ def test_intervals_of_a_matrix_cover_the_truth_in_93_to_97_percent(shape):
         for i, ((bright, dark), truth) in enumerate(zip(pairs, truths, strict=True)):
             cell = matrix.sel(bright=bright, dark=dark)
             covered[i] += float(cell.cdp_low) <= truth <= float(cell.cdp_high)
-    # 2 sigma / sqrt(N) with sigma = sqrt(0.95 * 0.05) and N = 500, of each pair.
-    assert ((covered / repeats > 0.93) & (covered / repeats < 0.97)).all()
+    # Of each pair within 3 sigma / sqrt(N), and 2 of many, with sigma = sqrt(0.95 * 0.05).
+    assert (np.abs(covered / repeats - 0.95) < off).all()
 
 
 def test_contrasts_of_stated_values_are_detected():

@@ -38,7 +38,7 @@ def covered(rng, setup, light_c, measured_c, dark_s):
     return *inside, "temperature-not-covered" in codes(a)
 
 
-@pytest.mark.parametrize("n", [12, pytest.param(200, marks=pytest.mark.long)])
+@pytest.mark.parametrize("n", [8, pytest.param(200, marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     ("light_c", "measured_c", "dark_s", "warned"),
     [

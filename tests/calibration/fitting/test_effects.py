@@ -59,10 +59,11 @@ def test_columns_that_the_response_explains_are_no_effect():
     assert assess(solution, Effect("drift", (SharedError("drift", 1.0),))).amplitude.n == 0
 
 
-def test_what_is_not_there_is_found_as_seldom_as_chance_allows(setup):
-    """In 30 calibrations eight kinds of effects, each in 0.27 %: a fourth has a probability of 0.3 %."""
-    named = sum(bool(codes(calibrated(setup, seed)) & CAUSES) for seed in range(30))
-    assert named <= 3
+@pytest.mark.parametrize(("n", "most"), [(10, 2), pytest.param(30, 3, marks=pytest.mark.long)])
+def test_what_is_not_there_is_found_as_seldom_as_chance_allows(setup, n, most):
+    """Eight kinds of effects, each in 0.27 % of calibrations: more have a probability of 0.1 and 0.3 %."""
+    named = sum(bool(codes(calibrated(setup, seed)) & CAUSES) for seed in range(n))
+    assert named <= most
     assert 8 * FALSE_ALARM < 0.05
 
 
@@ -196,9 +197,10 @@ def drifting(setup, seed):
     return {code for one in findings for code in one.values.get("codes", [one.code])} & CAUSES
 
 
-def test_a_cause_beside_which_another_one_is_not_significant_is_named_with_it(setup):
-    named = [drifting(setup, seed) for seed in range(24)]
-    assert sum(map(bool, named)) > 8
+@pytest.mark.parametrize("n", [8, pytest.param(24, marks=pytest.mark.long)])
+def test_a_cause_beside_which_another_one_is_not_significant_is_named_with_it(setup, n):
+    named = [drifting(setup, seed) for seed in range(n)]
+    assert sum(map(bool, named)) > n / 3
     assert all("drift" in one for one in named if one)
 
 

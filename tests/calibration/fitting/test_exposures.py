@@ -32,11 +32,11 @@ def calibrated(camera, setup, seed=1):
     ("changes", "seed"),
     [
         ({"offset_s": 0.001}, 4),
-        ({"offset_s": 0.001}, 6),
+        pytest.param({"offset_s": 0.001}, 6, marks=pytest.mark.long),
         ({"offset_s": 0.0002}, 1),
         ({"factors": (10.0, 1.0, 1.0)}, 2),
-        ({"factors": (1.0, 2.0, 1.0)}, 3),
-        ({"factors": (1.0, 1.0, 2.0)}, 4),
+        pytest.param({"factors": (1.0, 2.0, 1.0)}, 3, marks=pytest.mark.long),
+        pytest.param({"factors": (1.0, 1.0, 2.0)}, 4, marks=pytest.mark.long),
         ({"factors": (0.5, 1.0, 1.0)}, 5),
     ],
 )

@@ -16,7 +16,7 @@ from ..evaluate.bench.session_result import CONTRASTS, LUMINANCES, session_resul
 from ..report.files import envelope
 from ..report.text import warning_texts
 from .arguments import Contrasts, PathArgument, Tolerance, as_contrasts, as_number, as_path
-from .variables import cdp_variables, described
+from .variables import cdp_variables, described, noted
 
 if TYPE_CHECKING:
     from ..evaluate.chart.measure import MeasuredChart
@@ -131,6 +131,41 @@ class SessionResult:
 
         pairs = session_colours(self.evaluation, None if epsilon is None else as_number(epsilon, "epsilon"))
         return described(colour_dataset(pairs, {"title": "colour separation of a session"}))
+
+    def flicker(self, *, threshold: float = 0.1, tolerance: float = 0.1, frequency_hz: float | None = None) -> Dataset:
+        """Measure how the light of the patches flickers from frame to frame, at each exposure time by itself.
+
+        Parameters
+        ----------
+        threshold, tolerance, frequency_hz
+            As for `labcdp.flicker`.
+
+        Returns
+        -------
+        xarray.Dataset
+            ``fmi`` and ``mmp`` over patch and exposure, each with ``u_...``, ``..._low`` and ``..._high`` (95 %), the
+            phases and the beat, as of ``video.flicker(...)``; nan where a patch is saturated or black in all frames.
+
+        Raises
+        ------
+        InputError
+            If an argument cannot be used, or no patch has light in any frame.
+        SessionError
+            If a file is missing or altered.
+        """
+        from ..evaluate.bench.flicker import session_flicker
+        from ..evaluate.flicker.measure import flicker_findings
+        from ..evaluate.flicker.tables import index_columns
+
+        measured = session_flicker(self.evaluation, threshold=threshold, tolerance=tolerance, frequency_hz=frequency_hz)
+        patches = [row.patch.name for row in self.evaluation.patches]
+        exposures_s = sorted({item.exposure_s for item in measured})
+        by_place = {(item.region, item.exposure_s): item for item in measured}
+        items = [[by_place.get((patch, exposure_s)) for exposure_s in exposures_s] for patch in patches]
+        variables = variables_of(index_columns("cd/m²"), ("patch", "exposure_s"), items)
+        coordinates = {"patch": patches, "exposure_s": ("exposure_s", exposures_s, {"units": "s"})}
+        attributes = self._attributes() | noted(flicker_findings(measured)) | {"title": "flicker of a session"}
+        return described(Dataset(variables, coordinates, attributes))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the content of results.json."""

@@ -21,7 +21,15 @@ from ..metrics.contrast import TargetContrasts
 from ..output import ResultsFolder, check_file
 from .commands import COMMAND, GIVEN, As, Json
 from .terminal import print_result, say, say_where
-from .values import fraction_of_percent, parse_changes, parse_length, parse_seconds, parse_temperature, parse_tolerance
+from .values import (
+    fraction_of_percent,
+    parse_changes,
+    parse_hertz,
+    parse_length,
+    parse_seconds,
+    parse_temperature,
+    parse_tolerance,
+)
 
 if TYPE_CHECKING:
     from ..core.cluster import Workers
@@ -128,6 +136,42 @@ def end_by_requirement(verdicts: Mapping[str, Verdict]) -> None:
 def one_or_all(contrasts: tuple[float, ...] | None) -> TargetContrasts:
     """Return the contrasts of an option, a single one as a number: results then have no dimension for it."""
     return contrasts[0] if contrasts is not None and len(contrasts) == 1 else contrasts
+
+
+@dataclass(frozen=True)
+class FlickerOptions:
+    """Options of the flicker of lamps.
+
+    Parameters
+    ----------
+    flicker
+        Also evaluate how the light of each patch flickers from frame to frame: FMI and MMP.
+    flicker_threshold
+        Excess over the light with the lamp off from which a frame shows the lamp, for the FDI; default: 10%.
+    flicker_tolerance
+        Deviation from the mean up to which a frame is not modulated, for the MMP; default: 10%.
+    lamp_frequency
+        Frequency of the lamp, for example 90Hz: it tells a lamp that is locked to the frames from a steady one.
+    """
+
+    flicker: bool = False
+    flicker_threshold: Annotated[float | None, As(parse=fraction_of_percent)] = None
+    flicker_tolerance: Annotated[float | None, As(parse=fraction_of_percent)] = None
+    lamp_frequency: Annotated[float | None, As(parse=parse_hertz)] = None
+
+    def require(self) -> None:
+        """Refuse options without ``--flicker``; raises InputError."""
+        if self.given() and not self.flicker:
+            raise InputError("limits of flicker, frames with the lamp off and its frequency need --flicker: give it")
+
+    def given(self) -> dict[str, Any]:
+        """Return what is given besides `flicker`, by the parameters of `labcdp.flicker`."""
+        values = {
+            "threshold": self.flicker_threshold,
+            "tolerance": self.flicker_tolerance,
+            "frequency_hz": self.lamp_frequency,
+        }
+        return {name: value for name, value in values.items() if value is not None}
 
 
 @dataclass(frozen=True)

@@ -36,6 +36,7 @@ from .options import (
     REQUIREMENT_STATUS,
     Certificate,
     Contrasts,
+    FlickerOptions,
     Require,
     Results,
     Tolerance,
@@ -223,6 +224,7 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
 def evaluate(
     by: CalibrationOptions,
     options: ContrastOptions,
+    flicker: FlickerOptions,
     results: Results,
     session: Path | None = None,
     *,
@@ -249,6 +251,7 @@ def evaluate(
         Also tell how well the colours of the patches of each pair can be told apart, behind a colour filter.
     """
     require_together({"--corners": corners}, {"--chart": chart})
+    flicker.require()
     if session is None and not by.recalibrate:
         raise InputError("no session: give its folder, or --recalibrate for the session that ships with labcdp")
     source = session or example_session()
@@ -269,6 +272,12 @@ def evaluate(
             from ..evaluate.bench.colours import session_colours
 
             evaluation = replace(evaluation, colours=session_colours(evaluation))
+        if flicker.flicker:
+            from ..evaluate.bench.flicker import session_flicker
+
+            with progress_bar("flicker") as report:
+                measured = session_flicker(evaluation, report=report, **flicker.given())
+            evaluation = replace(evaluation, flicker=measured)
         files = {"calibration": path, "requirement": options.require, "chart": chart}
         inputs = [InputFile.of(role, path) for role, path in files.items() if path is not None]
         result = session_result(evaluation, inputs, requirement=requirement)

@@ -65,6 +65,11 @@ def parse_length(text: str, name: str) -> float:
     return _with_unit(text, name, _LENGTHS, "mm or um, for example 6mm or 3.45um")
 
 
+def parse_hertz(text: str, name: str) -> float:
+    """Turn ``90Hz`` into 90.0; raises InputError if it is not a number above 0 with Hz or kHz."""
+    return _with_unit(text, name, {"kHz": 1e3, "Hz": 1.0}, "Hz or kHz, for example 90Hz")
+
+
 def parse_illuminance(text: str, name: str) -> float:
     """Turn ``1.2klx`` into 1200; raises InputError if it is not a number above 0 with lx or klx."""
     return _with_unit(text, name, {"klx": 1e3, "lx": 1.0}, "lx or klx, for example 1200lx")

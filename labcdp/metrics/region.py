@@ -74,6 +74,40 @@ class RegionLight:
         return ">" if is_saturated(self.invalid_shares) else ""
 
 
+def mean_light(luminance: LuminanceMap, roi: Roi, mask: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the mean of a region of a map, and the share of its pixels that are saturated.
+
+    Parameters
+    ----------
+    luminance : LuminanceMap
+        The bounding box of the region.
+    roi : Roi
+        The region.
+    mask : ndarray of bool
+        Its pixels in the map.
+
+    Raises
+    ------
+    InputError
+        If a pixel is not finite.
+    """
+    image, invalid = luminance.luminance_cd_m2, luminance.invalid
+    values = image if mask.all() else image[mask]
+    mean = float(values.sum(dtype=np.float64)) / values.size
+    if not isfinite(mean):
+        raise _not_finite(roi, values)
+    saturated = float(np.mean(invalid[mask] & Invalid.SATURATED.value != 0)) if invalid.any() else 0.0
+    return mean, saturated
+
+
+def _not_finite(roi: Roi, values: NDArray[np.floating[Any]]) -> InputError:
+    n_unusable = int(np.count_nonzero(~np.isfinite(values)))
+    return InputError(
+        f"region {roi.name!r} has {n_unusable} pixels that are not finite: correct the image, or draw the region "
+        "without them"
+    )
+
+
 def evaluate_region(luminance: LuminanceMap, roi: Roi) -> RegionLight:
     """Evaluate one region of a map, of which only its bounding box is used.
 
@@ -133,12 +167,8 @@ class RegionPixels(NoisyRegion):
         """Take a region from a map of a part of an image; 8-bit DN of its bounding box make that faster."""
         image = luminance.luminance_cd_m2[part].astype(np.float64, order="C")
         values = image[mask]
-        unusable = int(np.count_nonzero(~np.isfinite(values)))
-        if unusable:
-            raise InputError(
-                f"region {roi.name!r} has {unusable} pixels that are not finite: correct the image, or draw the "
-                "region without them"
-            )
+        if not np.isfinite(values).all():
+            raise _not_finite(roi, values)
         distribution = None if dn is None else _distribution_by_dn(dn[mask], values)
         return cls(image, mask, distribution or Distribution.from_array(values), window, roi, luminance, part)
 

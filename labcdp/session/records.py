@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
+from itertools import pairwise
+from math import isclose
 from typing import Annotated, Any, ClassVar, Literal, TypeVar, get_args
 
 import numpy as np
@@ -31,6 +33,8 @@ REFUSED, CAMERA_LOST, CAMERA_RETURNED = "refused frame", "camera lost", "camera 
 LOSSES = (REFUSED, CAMERA_LOST, CAMERA_RETURNED)
 #: Kind of the event that says which simulated bench it is.
 SIMULATED_BENCH = "simulated bench"
+#: By how much the clocks of camera and computer may differ over the frames.
+_CLOCKS_REL, _CLOCKS_S = 0.05, 0.25
 
 
 @dataclass(frozen=True)
@@ -186,6 +190,29 @@ class EventRecord:
 
 
 Record = FrameRecord | ReadingRecord | EventRecord
+
+
+def frame_times_s(records: Sequence[FrameRecord]) -> list[float]:
+    """Return the times of frames in seconds after the first one.
+
+    They are those of the camera's clock if it runs on through all of them, and as fast as the computer's; else when the
+    frames were recorded, which is later by how long they took to arrive.
+
+    Examples
+    --------
+    >>> from labcdp.session import Session, example_session
+    >>> from labcdp.session.records import frame_times_s
+    >>> [round(time_s, 3) for time_s in frame_times_s(Session.open(example_session()).frames("light"))]
+    [0.0, 0.259, 0.426, 0.559, 0.692, 0.826]
+    """
+    recorded_s = [(record.time - records[0].time).total_seconds() for record in records]
+    stamps_ns = [int(record.metadata["camera_timestamp_ns"]) for record in records]
+    if stamps_ns and stamps_ns[0] > 0 and all(first < second for first, second in pairwise(stamps_ns)):
+        by_camera_s = [1e-9 * (stamp_ns - stamps_ns[0]) for stamp_ns in stamps_ns]
+        first, last = (datetime.fromisoformat(str(records[at].metadata["timestamp"])) for at in (0, -1))
+        if isclose(by_camera_s[-1], (last - first).total_seconds(), rel_tol=_CLOCKS_REL, abs_tol=_CLOCKS_S):
+            return by_camera_s
+    return recorded_s
 
 
 def counting(records: Sequence[Record]) -> list[Record]:

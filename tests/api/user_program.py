@@ -87,7 +87,10 @@ def sessions() -> xr.Dataset:
     session: labcdp.Session = labcdp.Session.open(example_session())
     calibrated = session.calibrate()
     assert isinstance(calibrated.calibration, labcdp.calibration.Calibration)
-    return calibrated.evaluate().to_dataset()
+    evaluated = calibrated.evaluate()
+    flicker: xr.Dataset = evaluated.flicker(tolerance=0.05)
+    assert flicker["fmi"].dims == ("patch", "exposure_s")
+    return evaluated.to_dataset()
 
 
 def readings(readings: list[labcdp.Reading]) -> float:

@@ -268,6 +268,20 @@ def test_the_flicker_of_a_video(labcdp, drive):
         assert why in " ".join(done.stderr.split())
 
 
+def test_the_flicker_of_a_session(labcdp, inputs, tmp_path):
+    command = ("evaluate", inputs / "s", "--calibration", inputs / "c" / "calibration.json")
+    done = labcdp(*command, "--flicker", "--flicker-tolerance", "5%", "-o", "out", "--json")
+    rows = rows_of(done, "flicker")
+    # Two frames of each exposure say little.
+    assert {(row["n_evaluated"], row["few_phases"]) for row in rows} == {(2, 1)}
+    assert len({row["exposure_s"] for row in rows}) == 3
+    assert (tmp_path / "out" / "figures" / "over-time.png").exists()
+    assert "Flicker of the patches" in (tmp_path / "out" / "report.html").read_text()
+    done = labcdp(*command, "--lamp-frequency", "90Hz", "-o", "none")
+    assert (done.returncode, (tmp_path / "none").exists()) == (1, False)
+    assert "need --flicker: give it" in done.stderr
+
+
 def test_a_map_of_flicker(labcdp, tmp_path):
     Chain.from_document(DOCUMENT, "lamp").save(tmp_path / "lamp.toml")
     done = labcdp("sweep", "lamp.toml", "--flicker", "--over", "exposure.exposure_s=0.001,0.011", "--json")

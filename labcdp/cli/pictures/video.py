@@ -26,7 +26,7 @@ from ...regions import ImageSize
 from ...report.files import envelope
 from ...tracking import method_among
 from ..commands import As
-from ..options import ClusterOptions, Results, end_by_requirement, require_apart, require_together
+from ..options import ClusterOptions, FlickerOptions, Results, end_by_requirement, require_apart, require_together
 from ..terminal import progress_bars, say
 from ..values import fraction_of_percent
 from .frames import FrameOptions
@@ -109,17 +109,9 @@ def _frame_range(text: str, name: str) -> tuple[int, int]:
     return int(first), int(stop)
 
 
-def _hertz(text: str, name: str) -> float:
-    """Return a frequency in Hz; raises InputError."""
-    try:
-        return float(text.removesuffix("Hz"))
-    except ValueError:
-        raise InputError(f"{name} is {shown(text)}: give a frequency, for example 90Hz") from None
-
-
 @dataclass(frozen=True)
-class FlickerOptions:
-    """Options of the flicker of lamps.
+class VideoFlickerOptions(FlickerOptions):
+    """Options of the flicker of lamps in videos.
 
     Parameters
     ----------
@@ -129,33 +121,20 @@ class FlickerOptions:
         Frames with the lamp off, for example 0:25, which give the light without it for the FDI.
     flicker_threshold
         Excess over that light from which a frame shows the lamp, for the FDI; default: 10%.
-    flicker_tolerance
-        Deviation from the mean up to which a frame is not modulated, for the MMP; default: 10%.
-    lamp_frequency
-        Frequency of the lamp, for example 90Hz: it tells a lamp that is locked to the frames from a steady one.
     """
 
-    flicker: bool = False
     off_frames: Annotated[tuple[int, int] | None, As(parse=_frame_range)] = None
-    flicker_threshold: Annotated[float | None, As(parse=fraction_of_percent)] = None
-    flicker_tolerance: Annotated[float | None, As(parse=fraction_of_percent)] = None
-    lamp_frequency: Annotated[float | None, As(parse=_hertz)] = None
 
     def given(self) -> dict[str, Any]:
         """Return what is given besides `flicker`, by the names of `FlickerSettings`."""
-        values = {
-            "off_frames": self.off_frames,
-            "threshold": self.flicker_threshold,
-            "tolerance": self.flicker_tolerance,
-            "frequency_hz": self.lamp_frequency,
-        }
-        return {name: value for name, value in values.items() if value is not None}
+        frames = {} if self.off_frames is None else {"off_frames": self.off_frames}
+        return frames | super().given()
 
 
 def video(
     chosen: VideoPairOptions,
     charts: ChartOptions,
-    flicker: FlickerOptions,
+    flicker: VideoFlickerOptions,
     light: LightOptions,
     frames: FrameOptions,
     made: MadeOptions,
@@ -185,8 +164,7 @@ def video(
     if flicker.flicker:
         _flicker(chosen, flicker, light, frames, made, where, results, files)
         return
-    if flicker.given():
-        raise InputError("frames with the lamp off, limits of flicker and the frequency of the lamp need --flicker")
+    flicker.require()
     if charts.chart is not None:
         _chart(chosen, charts, light, frames, made, where, results, files)
         return
@@ -224,7 +202,7 @@ def video(
 
 def _flicker(
     chosen: VideoPairOptions,
-    flicker: FlickerOptions,
+    flicker: VideoFlickerOptions,
     light: LightOptions,
     frames: FrameOptions,
     made: MadeOptions,

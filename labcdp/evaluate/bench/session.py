@@ -39,6 +39,7 @@ from .rows import ContrastRow, PatchRow, contrast_row, patch_row
 if TYPE_CHECKING:
     from ..chart.measure import MeasuredChart
     from ..colour.measure import PairColours
+    from ..flicker.measure import RegionFlicker
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +64,8 @@ class SessionEvaluation:
         The target as a chart, if one was asked for.
     colours : tuple of PairColours
         Colours of the pairs, if they were asked for.
+    flicker : tuple of RegionFlicker
+        Flicker of the patches, if it was asked for.
     """
 
     observed: ObservedSession
@@ -73,6 +76,7 @@ class SessionEvaluation:
     findings: tuple[Finding, ...]
     chart: MeasuredChart | None = None
     colours: tuple[PairColours, ...] = ()
+    flicker: tuple[RegionFlicker, ...] = ()
 
     @property
     def simulated(self) -> list[str]:

@@ -86,6 +86,11 @@ def session_files(evaluation: SessionEvaluation, result: Result) -> dict[str, by
 
         cards += colour_cards(evaluation.colours)
         sections = chain((colour_section(evaluation.colours, result),), sections)
+    if evaluation.flicker:
+        from ..flicker.page import flicker_cards, flicker_section
+
+        cards += flicker_cards(evaluation.flicker)
+        sections = chain((flicker_section(evaluation.flicker, result),), sections)
     kind = "Luminance and contrast detection probability (CDP)"
     page = Page.of(result, kind, _summary(evaluation), cards, lead, sections)
     if evaluation.simulated:

@@ -107,6 +107,10 @@ def session_result(
     findings, session = [*evaluation.findings, _check(evaluation)], evaluation.observed.session
     findings += () if evaluation.chart is None else evaluation.chart.findings
     findings += [finding for pair in evaluation.colours for finding in pair.separation.findings]
+    if evaluation.flicker:
+        from ..flicker.measure import flicker_findings
+
+        findings += flicker_findings(evaluation.flicker)
     tables = [*_tables(evaluation)]
     if requirement is not None:
         judgement = judged_pairs(requirement, map(_seen, evaluation.contrasts))
@@ -150,6 +154,10 @@ def _tables(evaluation: SessionEvaluation) -> Iterator[Table]:
         from ..colour.tables import colour_table
 
         yield colour_table([(evaluation.observed.configuration.name, evaluation.colours)], False)
+    if evaluation.flicker:
+        from ..flicker.tables import flicker_table
+
+        yield flicker_table(evaluation.flicker, "cd/m²", "Flicker of the patches")
     yield _luminance(evaluation.patches)
     yield _distribution(evaluation.contrasts)
     for table in calibration_tables(evaluation.calibration):

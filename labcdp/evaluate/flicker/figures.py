@@ -44,7 +44,7 @@ def over_time(regions: Sequence[RegionFlicker], unit: str) -> ReportFigure:
         for axes in (time, share):
             _bands(axes, flicker)
             axes.tick_params(labelsize=drawing.SMALL_SIZE)
-        drawing.label(time, "", _light(unit), shortened(region.region, _LONGEST_NAME))
+        drawing.label(time, "", _light(unit), shortened(region.title, _LONGEST_NAME))
         drawing.label(share, "", "", f"FMI {flicker.fmi.value:.3f}, MMP {flicker.mmp.value:.3f}")
     grid[-1][0].set_xlabel("time in s", fontsize=drawing.LABEL_SIZE)
     grid[-1][1].set_xlabel("% of the frames", fontsize=drawing.LABEL_SIZE)
@@ -83,7 +83,7 @@ def over_phase(regions: Sequence[RegionFlicker], unit: str) -> ReportFigure | No
             axes.plot(phases, wave.pulse.light(phases), color=drawing.VERMILLION, linewidth=1.0, label="pulsed lamp")
         beat = region.flicker.beat_hz
         beats = f"beat of {beat:.4g} Hz, " if np.isfinite(beat) else ""
-        title = f"{shortened(region.region, _LONGEST_NAME)}: {beats}{region.flicker.n_phases:.0f} phases"
+        title = f"{shortened(region.title, _LONGEST_NAME)}: {beats}{region.flicker.n_phases:.0f} phases"
         drawing.finish(axes, "", _light(unit), title, loc="best")
     panels[-1].set_xlabel("phase of the lamp in periods", fontsize=drawing.LABEL_SIZE)
     caption = (
@@ -107,7 +107,7 @@ def all_regions(regions: Sequence[RegionFlicker]) -> ReportFigure:
         drawing.finish(axes, "", name.upper(), "")
         axes.set_ylim(-0.03, 1.03)
     if len(regions) <= _MOST_NAMED:
-        below.set_xticks(at, [shortened(region.region, _LONGEST_NAME) for region in regions], rotation=90)
+        below.set_xticks(at, [shortened(region.title, _LONGEST_NAME) for region in regions], rotation=90)
         for text in below.get_xticklabels():
             text.set_parse_math(False)
     else:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
+from math import isfinite, nan, sqrt
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.clock import exposure_text
 from ...core.errors import InputError
 from ...core.quantity import Quantity
 from ...core.result import Finding, info, warning
@@ -28,7 +29,7 @@ _MOST_NAMED = 5
 
 @dataclass(frozen=True, eq=False)
 class RegionFlicker:
-    """Flicker of a region of a video.
+    """Flicker of a region of a video, or of a patch of a session.
 
     Parameters
     ----------
@@ -42,6 +43,8 @@ class RegionFlicker:
         Times of the frames that count, and the mean of the region in them; nan where it has no value.
     n_lost, n_saturated, n_black, n_other : int
         Frames without a value by reason: a region that was lost, is saturated or has no light, or a broken frame.
+    exposure_s : float
+        Exposure time, where frames of one are told from those of others, as in sessions; nan in videos.
     """
 
     region: str
@@ -53,6 +56,12 @@ class RegionFlicker:
     n_saturated: int
     n_black: int
     n_other: int
+    exposure_s: float = nan
+
+    @property
+    def title(self) -> str:
+        """Its name, with the exposure time where that is known."""
+        return f"{self.region} at {exposure_text(self.exposure_s)}" if isfinite(self.exposure_s) else self.region
 
 
 def measure_flicker(dataset: Dataset, settings: Mapping[str, Any]) -> list[RegionFlicker]:
@@ -95,23 +104,57 @@ def _region(
             u = float(dark.std(ddof=1)) / sqrt(dark.size) if dark.size > 1 else 0.0
             off = Quantity(float(dark.mean()), u)
     counted = ~off_frames
-    kept_times = times[counted]
-    regular = np.isfinite(kept_times).all() and (np.diff(kept_times) > 0).all()
-    measured = flicker(
-        values[counted],
-        0.0 if off is None else off,
-        settings["threshold"],
-        settings["tolerance"],
-        times_s=kept_times if regular else None,
-        frequency_hz=settings.get("frequency_hz") if regular else None,
-    )
     lost, black = (region[key].values.astype(bool)[counted] for key in ("lost", "black"))
     saturated = region["saturated"].values[counted] > SATURATED_SHARE
-    n_without = int((~np.isfinite(values[counted])).sum())
-    n_lost, n_saturated, n_black = int(lost.sum()), int(saturated.sum()), int((black & ~saturated).sum())
-    n_other = n_without - n_lost - n_saturated - n_black
+    return region_flicker(
+        name, values[counted], times[counted], off, settings, saturated=saturated, black=black, n_lost=int(lost.sum())
+    )
+
+
+def region_flicker(
+    name: str,
+    values: _Array,
+    times_s: _Array,
+    off: Quantity | None,
+    limits: Mapping[str, Any],
+    *,
+    saturated: NDArray[np.bool_],
+    black: NDArray[np.bool_],
+    n_lost: int = 0,
+    exposure_s: float = nan,
+) -> RegionFlicker:
+    """Return the flicker of a region by its light in each frame.
+
+    Parameters
+    ----------
+    name : str
+        Of the region.
+    values, times_s : ndarray of float, shape (n,)
+        Mean of the region, nan in frames without one, and times of the frames; they count if they increase.
+    off : Quantity or None
+        Light with the lamp off.
+    limits : mapping
+        ``threshold``, ``tolerance`` and ``frequency_hz``, as of `labcdp.flicker`.
+    saturated, black : ndarray of bool, shape (n,)
+        Frames without a value as the region is saturated, or has no light.
+    n_lost : int
+        Frames in which it was lost.
+    exposure_s : float
+        Exposure time; nan if it does not matter.
+    """
+    regular = np.isfinite(times_s).all() and (np.diff(times_s) > 0).all()
+    measured = flicker(
+        values,
+        0.0 if off is None else off,
+        limits["threshold"],
+        limits["tolerance"],
+        times_s=times_s if regular else None,
+        frequency_hz=limits.get("frequency_hz") if regular else None,
+    )
+    n_saturated, n_black = int(saturated.sum()), int((black & ~saturated).sum())
+    n_other = int((~np.isfinite(values)).sum()) - n_lost - n_saturated - n_black
     return RegionFlicker(
-        name, measured, off, kept_times, values[counted], n_lost, n_saturated, n_black, max(n_other, 0)
+        name, measured, off, times_s, values, n_lost, n_saturated, n_black, max(n_other, 0), exposure_s
     )
 
 
@@ -138,7 +181,8 @@ def flicker_findings(regions: Sequence[RegionFlicker]) -> list[Finding]:
                and r.flicker.wave is not None),
         _about(warning, "flicker-drift", regions, _drifts,
                largest=max((abs(r.flicker.drift.value) for r in regions if _drifts(r)), default=0.0)),
-        _about(info, "flicker-without-off", regions, lambda r: r.off is None and r.flicker.n_evaluated > 0),
+        _about(info, "flicker-without-off", regions, lambda r: r.off is None and r.flicker.n_evaluated > 0
+               and not isfinite(r.exposure_s)),
         _about(info, "flicker-none", regions, lambda r: not r.flicker.flickers and r.flicker.n_evaluated > 0
                and not (r.flicker.few_phases and r.flicker.wave is not None)),
     ]  # fmt: skip
@@ -162,7 +206,7 @@ def _about(
     **values: float,
 ) -> Finding | None:
     """Return a finding with the names of the regions that it applies to; None for none."""
-    names = [region.region for region in regions if applies(region)]
+    names = [region.title for region in regions if applies(region)]
     if not names:
         return None
     more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""

@@ -96,12 +96,7 @@ def flicker_page(
     """Return the page: the worst indices, light over time with its histogram, over the phase, and all numbers."""
     time, *others = figures
     tables = {table.name: table for table in result.tables}
-    text = (
-        f"{len(regions)} regions: drawn are those with the largest FMI."
-        if len(regions) > _FEW
-        else "A lamp and the frame rate beat: how many phases of the lamp were seen decides how well an index is known."
-    )
-    sections = [Section("Light over time", [time]), Section("Regions", [tables["flicker"], text])]
+    sections = [Section("Light over time", [time]), Section("Regions", [tables["flicker"], _drawn_text(regions)])]
     sections += [Section("Beat between lamp and frames", others)] if others else []
     lost: list[Block] = [tables[name] for name in ("lost", "notes") if name in tables]
     sections += [Section("Frames without a value, and notes", lost, collapsed=True)] if lost else []
@@ -115,9 +110,26 @@ def flicker_page(
         result,
         "Flicker of a video",
         summary=_summary(dataset, regions),
-        cards=_cards(regions),
+        cards=flicker_cards(regions),
         sections=sections,
     )
+
+
+def _drawn_text(regions: Sequence[RegionFlicker]) -> str:
+    return (
+        f"{len(regions)} regions: drawn are those with the largest FMI."
+        if len(regions) > _FEW
+        else "A lamp and the frame rate beat: how many phases of the lamp were seen decides how well an index is known."
+    )
+
+
+def flicker_section(regions: Sequence[RegionFlicker], result: Result) -> Section:
+    """Return the section of the page of a session with the flicker of its patches."""
+    drawn = drawn_regions(regions)
+    phase = over_phase(drawn, "cd/m²")
+    figures = [over_time(drawn, "cd/m²"), *([] if phase is None else [phase])]
+    text = f"Patches at each exposure time. {_drawn_text(regions)} No compliance with IEEE 2020 is claimed."
+    return Section("Flicker", [*result.tables_named("flicker"), text, *figures])
 
 
 def _summary(dataset: Dataset, regions: Sequence[RegionFlicker]) -> str:
@@ -132,7 +144,8 @@ def _summary(dataset: Dataset, regions: Sequence[RegionFlicker]) -> str:
     )
 
 
-def _cards(regions: Sequence[RegionFlicker]) -> list[Card]:
+def flicker_cards(regions: Sequence[RegionFlicker]) -> list[Card]:
+    """Make a card for each index, with its worst region."""
     known = [region for region in regions if np.isfinite(region.flicker.mmp.value)]
     cards = []
     for name, title, worst in (
@@ -152,7 +165,7 @@ def _cards(regions: Sequence[RegionFlicker]) -> list[Card]:
                 title,
                 f"{name.upper()} {fixed(index.value, 3)}",
                 f"95 %: {span(fixed(low, 3), fixed(high, 3))}",
-                (f"{'worst region: ' if len(regions) > 1 else 'region: '}{region.region}",),
+                (f"{'worst region: ' if len(regions) > 1 else 'region: '}{region.title}",),
                 "too few phases" if few else "",
                 "open" if few else "plain",
             )

@@ -33,7 +33,7 @@ from ..video.dataset import (
 )
 from ..video.evaluate import JOURNAL, converter_findings, opened_for, require_regions_in
 from ..video.findings import video_findings
-from ..video.run import PartRun, TrackedFrame, VideoRun
+from ..video.run import PartRun, TrackedFrame, VideoRun, region_mean
 from ..video.settings import Progress, evaluation_head
 from .settings import FlickerSettings
 
@@ -65,8 +65,7 @@ class RegionRun(PartRun):
                 findings += tracked.reasons
                 continue
             try:
-                light = item.light(tracked.roi)
-                saturated, mean = light.invalid_shares.get("saturated", 0.0), light.mean
+                mean, saturated = region_mean(frame, self._converter, tracked.roi)
             except InputError as error:
                 findings.append(warning("frame-not-evaluated", reason=" ".join(str(error).split())))
                 continue

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from math import isfinite
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,10 @@ _NOTE = (
     "Values are what the definitions give for the frames, noise included; intervals (95 %) are for the lamp over all "
     "its phases, FMI without noise. The definitions follow public documentation of IEEE 2020; no compliance is claimed."
 )
+
+
+#: Exposure time of a patch of a session.
+EXPOSURE = Column("exposure_s", "exposure", "s", "Exposure time of the frames.", digits=0, time=True)
 
 
 def _index(name: str, label: str, meaning: str) -> tuple[Column, ...]:
@@ -52,7 +57,7 @@ def region_columns(unit: str) -> tuple[Column, ...]:
         Column("n_phases", "phases", "", "Equivalent number of phases of the lamp that were seen.", 2,
                value="flicker.n_phases"),
         Column("few_phases", "too few phases", "", "Whether these are too few: 1 or 0.", decimals=0, shown=False,
-               value=lambda region: int(region.flicker.few_phases)),
+               value=lambda region: region and int(region.flicker.few_phases)),
         Column("beat_hz", "beat", "Hz", "Frequency at which the lamp beats with the frame rate.", 4,
                value="flicker.beat_hz"),
         *uncertain(
@@ -63,6 +68,12 @@ def region_columns(unit: str) -> tuple[Column, ...]:
     )  # fmt: skip
 
 
+def index_columns(unit: str) -> list[Column]:
+    """Return the columns that are variables of a Dataset."""
+    columns = region_columns(unit)
+    return [column for column in columns if column.name != "region" and not column.name.startswith("expanded_")]
+
+
 def unit_of(dataset: Dataset) -> str:
     """Return the unit of the light, empty for relative light."""
     return "cd/m²" if dataset.attrs.get("unit") == "cd/m^2" else ""
@@ -70,25 +81,30 @@ def unit_of(dataset: Dataset) -> str:
 
 def flicker_dataset(dataset: Dataset, regions: Sequence[RegionFlicker]) -> Dataset:
     """Return the Dataset of the frames with the indices of each region, and the findings about them."""
-    columns = [column for column in region_columns(unit_of(dataset)) if column.name not in ("region", "mean")]
-    columns = [column for column in columns if not column.name.startswith("expanded_")]
+    columns = [column for column in index_columns(unit_of(dataset)) if column.name != "mean"]
     variables = variables_of(columns, ("region",), regions)
     findings = [*restored(json.loads(dataset.attrs["findings"])), *flicker_findings(regions)]
     with_indices = dataset.assign(variables)
     return with_indices.assign_attrs(findings=as_json(recorded(unique(findings))))
 
 
-def flicker_result(dataset: Dataset, regions: Sequence[RegionFlicker]) -> Result:
-    """Return the tables and findings of the flicker of a video, by its `flicker_dataset`."""
-    columns = region_columns(unit_of(dataset))
+def flicker_table(regions: Sequence[RegionFlicker], unit: str, title: str = "Flicker of the regions") -> Table:
+    """Return the table of the regions of a video, or of the patches of a session."""
     empty = {
         name for name in ("n_lost", "n_saturated", "n_black", "n_other")
         if not any(getattr(region, name) for region in regions)
     }  # fmt: skip
     if all(region.off is None for region in regions):
         empty |= {"off", "fdi"}
-    shown = [replace(column, shown=column.shown and column.name not in empty) for column in columns]
-    tables = [Table.of_items("flicker", "Flicker of the regions", shown, regions, _NOTE), *frame_tables(dataset)]
+    columns = [replace(column, shown=column.shown and column.name not in empty) for column in region_columns(unit)]
+    if all(isfinite(region.exposure_s) for region in regions):
+        columns.insert(1, EXPOSURE)
+    return Table.of_items("flicker", title, columns, regions, _NOTE)
+
+
+def flicker_result(dataset: Dataset, regions: Sequence[RegionFlicker]) -> Result:
+    """Return the tables and findings of the flicker of a video, by its `flicker_dataset`."""
+    tables = [flicker_table(regions, unit_of(dataset)), *frame_tables(dataset)]
     inputs = [InputFile(**file) for file in json.loads(dataset.attrs["inputs"])]
     name = str(dataset.attrs["file"])
     return Result(

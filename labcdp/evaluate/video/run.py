@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from ...core.disk.journal import LineJournal, Row
 from ...core.errors import InputError
 from ...core.frame import Frame
-from ...core.luminance import WHOLE
+from ...core.luminance import WHOLE, LuminanceMap, Window
 from ...core.result import Finding, warning
 from ...core.roi import Roi
 from ...core.table import array_values_of, values_of
 from ...core.vignetting import Cos4Vignetting
 from ...files.video.source import StoredPixels, VideoFrame, VideoSource, frames_of
 from ...metrics.pair import evaluate_regions, require_apart
-from ...metrics.region import SATURATED_SHARE, RegionPixels
+from ...metrics.region import SATURATED_SHARE, RegionPixels, mean_light
 from ...report.text import finding_text
 from ...tracking import NotFollowedError, TrackedRoi, Tracker, make_tracker
 from ..picture.converter import Converter
@@ -59,6 +59,8 @@ _FINDINGS, _INVALID, _MEASURED = "findings", "invalid", "measured_contrast"
 
 _Result = TypeVar("_Result")
 
+#: Masks of regions that are kept.
+_MOST_MASKS = 256
 #: Frames that wait between two steps: enough to keep both busy, few enough to keep memory small.
 _WAITING = 4
 
@@ -273,6 +275,15 @@ def variables(row: Row) -> Row:
     return {**values, NOTE.name: note_text(findings), FINDINGS.name: findings_text(findings)}
 
 
+class _ConvertedRegion(NamedTuple):
+    """A region of a frame: its luminance map with what lies around it, its pixels, and their DN if 8-bit."""
+
+    luminance: LuminanceMap
+    window: Window
+    mask: NDArray[np.bool_]
+    dn: NDArray[np.uint8] | None
+
+
 def region_pixels(frame: VideoFrame, converter: Converter, roi: Roi) -> RegionPixels:
     """Convert a region of a frame and what lies around it, as `RegionPixels.from_map` takes it from a whole map.
 
@@ -283,6 +294,27 @@ def region_pixels(frame: VideoFrame, converter: Converter, roi: Roi) -> RegionPi
     CalibrationError
         If the conversion is not for such frames.
     """
+    converted = _converted_region(frame, converter, roi)
+    assert frame.pixels is not None
+    # Where the place decides too, DN are no levels of light.
+    by_place = isinstance(converter.vignetting(frame.pixels.shape, frame.pixels.frame.readout), Cos4Vignetting)
+    levels = None if by_place else converted.dn
+    return RegionPixels.from_part(converted.luminance, roi, converted.window, converted.mask, dn=levels)
+
+
+def region_mean(frame: VideoFrame, converter: Converter, roi: Roi) -> tuple[float, float]:
+    """Return the mean light of a region of a frame, and the share of its saturated pixels.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        As `region_pixels`, or if a pixel is not finite.
+    """
+    converted = _converted_region(frame, converter, roi)
+    return mean_light(converted.luminance, roi, converted.mask)
+
+
+def _converted_region(frame: VideoFrame, converter: Converter, roi: Roi) -> _ConvertedRegion:
     assert frame.pixels is not None
     pixels = frame.pixels
     # Of relative light nothing but the pixel itself and its place decide.
@@ -296,12 +328,10 @@ def region_pixels(frame: VideoFrame, converter: Converter, roi: Roi) -> RegionPi
     dn = part.dn[inner] if group == 1 and part.dn.dtype == np.uint8 and part.black_pattern is None else None
     position_px = None if in_part is None else (window[1].start, window[0].start, pixels.shape)
     light = converter.convert(part, inner, position_px)
-    # Where the place decides too, DN are no levels of light.
-    levels = None if isinstance(converter.vignetting(pixels.shape, part.readout), Cos4Vignetting) else dn
-    return RegionPixels.from_part(light, roi, window, _mask(region, shape), dn=levels)
+    return _ConvertedRegion(light, window, _mask(region, shape), dn)
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=_MOST_MASKS)
 def _mask(roi: Roi, shape: tuple[int, int]) -> NDArray[np.bool_]:
     """Mask of a region; that of one that stays is kept."""
     mask = roi.mask(shape)

@@ -19,6 +19,7 @@ from ...core.errors import InputError
 from ...core.frame import Frame, Readout
 from ...core.result import Finding, info, warning
 from ...session import FrameRecord, Session
+from ...session.records import frame_times_s
 from ..frame import guessed_scale, picture_bytes
 from ..picture import Picture, PictureOptions, contradictions, overridden_frame
 from ..read import picture_paths, read_page, read_picture
@@ -225,12 +226,12 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
     if not records:
         raise InputError(f"{path} is a session without light frames: resume the acquisition")
 
-    lasted_s, shown = _time_s(records[-1], records), records[0].metadata.get("readout")
+    times_s, shown = frame_times_s(records), records[0].metadata.get("readout")
     return SessionVideo(
         path=path,
         shape=records[0].shape,
         frame_count=len(records),
-        frame_rate=(len(records) - 1) / lasted_s if lasted_s > 0 else None,
+        frame_rate=(len(records) - 1) / times_s[-1] if times_s[-1] > 0 else None,
         exposure_stated=True,
         encoding=session.configuration.camera.curve or options.encoding or "linear",
         readout=None if shown is None else Readout.from_json(shown),
@@ -240,10 +241,6 @@ def open_session_video(path: Path, options: PictureOptions) -> VideoSource:
         records=records,
         options=options,
     )
-
-
-def _time_s(record: FrameRecord, records: Sequence[FrameRecord]) -> float:
-    return (record.time - records[0].time).total_seconds()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -271,8 +268,8 @@ class SessionVideo(VideoSource):
 
     def entries(self) -> Iterator[VideoFrame]:
         """Go through all frames."""
-        for number, record in enumerate(self.records):
-            yield VideoFrame(number, _time_s(record, self.records), None, partial(self._load, record))
+        for number, (record, time_s) in enumerate(zip(self.records, frame_times_s(self.records), strict=True)):
+            yield VideoFrame(number, time_s, None, partial(self._load, record))
 
     def _load(self, record: FrameRecord) -> StoredPixels:
         return stored_pixels(overridden_frame(self.session.load(record), self.options))

@@ -24,7 +24,7 @@ _REPEATS, _FEWEST_REPEATS, _MOST_VALUES = 400, 100, 4_000_000
 #: Values of them that are held at once, and simulated recordings for the bias of smoothing.
 _VALUES_AT_ONCE, _SMOOTHED_AGAIN = 1_000_000, 32
 #: Frames by which the interval of a share is wider, for the light that its steps follow from is not known exactly.
-_SHARE_MARGIN = 0.2
+_SHARE_MARGIN = 0.05
 #: Phases at which the light of a wave is averaged.
 _GRID = 8192
 #: Quantiles of a normal distribution, by which the noise of simulated recordings differs.

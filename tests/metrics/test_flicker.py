@@ -7,6 +7,7 @@ import labcdp
 from labcdp.core.errors import InputError
 from labcdp.core.quantity import Quantity
 from labcdp.metrics.beat import find_wave
+from labcdp.metrics.pulse import Pulse
 
 
 def collected(phase, frequency_hz, duty, exposure_s, off):
@@ -20,9 +21,10 @@ def collected(phase, frequency_hz, duty, exposure_s, off):
     return off * exposure_s + (1 - off) * (integral(start + exposure_s) - integral(start))
 
 
-def true_indices(frequency_hz, duty, exposure_s, off, noise, n_noises=2001, n_phases=4000):
+def true_indices(frequency_hz, duty, exposure_s, off, noise, n_noises=2001, n_phases=4000, late=0.0):
     """FMI, FDI and MMP by a sweep over phases and noises at equal distances of their distributions."""
-    light = collected((np.arange(n_phases) + 0.5) / n_phases, frequency_hz, duty, exposure_s, off)
+    phases = (np.arange(n_phases) + 0.5) / n_phases + np.atleast_2d(late)
+    light = collected(phases, frequency_hz, duty, exposure_s, off).mean(axis=0)
     fmi = (light.max() - light.min()) / (light.max() + light.min())
     # Quantiles of normal noise, by the inverse of its distribution on a grid.
     deviations = np.linspace(-6, 6, n_noises)
@@ -77,24 +79,28 @@ def test_beat_and_drift_are_recovered(rate_hz):
     assert measured.fmi.interval.low < true_indices(217.3, 0.3, 2e-3, 0.1, 1e-9)[0] < measured.fmi.interval.high
 
 
-def recordings(rng, repeats, at_random=False, drift=0.0):
+def recordings(rng, repeats, at_random=False, drift=0.0, rows_s=0.0):
     """Videos of lamps, frame rates, exposures, noises and lengths at random, with the true indices."""
     for _ in range(repeats):
         frequency_hz, rate_hz, duty = rng.uniform(60, 1000), rng.uniform(15, 60), rng.uniform(0.1, 0.6)
         exposure_s, off = 10 ** rng.uniform(-3.5, -1.7), rng.choice([0.05, 0.1, 0.3])
         frames = np.arange(rng.integers(100, 500))
         phases = rng.uniform(size=frames.size) if at_random else frequency_hz / rate_hz * frames + rng.uniform()
-        light = collected(phases % 1, frequency_hz, duty, exposure_s, off)
+        late = np.linspace(0, rows_s, 12)[:, None] * frequency_hz if rows_s else np.zeros((1, 1))
+        light = collected((phases + late) % 1, frequency_hz, duty, exposure_s, off).mean(axis=0)
         noise = rng.choice([1e-4, 0.002, 0.005, 0.02]) * exposure_s * (off + (1 - off) * duty)
         light = light * (1 + drift * (frames / frames.size - 0.5))
-        truth = true_indices(frequency_hz, duty, exposure_s, off, noise, 61)
+        truth = true_indices(frequency_hz, duty, exposure_s, off, noise, 61, late=late)
         yield light + rng.normal(0, noise, frames.size), off * exposure_s, noise, truth
 
 
-@pytest.mark.parametrize(("at_random", "drift", "repeats"), [(False, 0.0, 60), (False, 0.03, 30), (True, 0.0, 100)])
-def test_intervals_hold(at_random, drift, repeats):
+@pytest.mark.parametrize(
+    ("at_random", "drift", "rows_s", "repeats"),
+    [(False, 0.0, 0.0, 40), (False, 0.0, 3e-4, 40), (False, 0.03, 0.0, 30), (True, 0.0, 0.0, 100)],
+)
+def test_intervals_hold(at_random, drift, rows_s, repeats):
     held, trials, n_few = np.zeros(3), np.zeros(3), 0
-    for values, off, noise, truth in recordings(np.random.default_rng(8), repeats, at_random, drift):
+    for values, off, noise, truth in recordings(np.random.default_rng(8), repeats, at_random, drift, rows_s):
         measured = labcdp.flicker(values, off, u=noise if at_random else None)
         if measured.few_phases:
             n_few += 1
@@ -162,15 +168,42 @@ def test_frames_without_a_value_are_not_guessed():
 
 
 def test_a_wave_that_no_pulse_explains_is_smoothed():
+    def light(phases):
+        return 1 + 0.3 * np.sin(2 * np.pi * phases) + 0.1 * np.sin(4 * np.pi * phases + 1)
+
     frames = np.arange(500)
-    sine = 1 + 0.3 * np.sin(2 * np.pi * 0.23456 * frames)
-    wave = find_wave(frames.astype(float), sine + np.random.default_rng(0).normal(0, 0.003, 500))
+    waves = light(0.23456 * frames)
+    wave = find_wave(frames.astype(float), waves + np.random.default_rng(0).normal(0, 0.003, 500))
     assert wave.pulse is None
     assert wave.rate == pytest.approx(0.23456, abs=1e-4)
-    # 5 standard deviations of the noise.
-    assert np.abs(wave.smooth - (1 + 0.3 * np.sin(2 * np.pi * wave.phases[wave.order]))).max() < 0.015
-    measured = labcdp.flicker(sine)
-    assert measured.mmp.interval.low < np.arcsin(0.1 / 0.3) * 2 / np.pi < measured.mmp.interval.high
+    # 5 standard deviations of the noise, and that of the rate where the light is steep.
+    assert np.abs(wave.smooth - light(wave.phases[wave.order])).max() < 0.025
+    measured = labcdp.flicker(waves)
+    share = np.mean(np.abs(light((np.arange(20_000) + 0.5) / 20_000) - 1) < 0.1)
+    assert measured.mmp.interval.low < share < measured.mmp.interval.high
+
+
+def test_rows_of_a_rolling_shutter_are_part_of_the_pulse():
+    rng, frames = np.random.default_rng(6), np.arange(400)
+    # A region of 30 rows of 20 us: 0.38 periods of the lamp.
+    rows = np.arange(30) * 20e-6 * 640
+    light = collected((frames[:, None] * 640 / 29.97 + rows) % 1, 640, 0.3, 4e-4, 0.1).mean(axis=1)
+    wave = find_wave(frames.astype(float), light + rng.normal(0, 2e-3 * light.mean(), 400))
+    beat = 640 / 29.97 - round(640 / 29.97)
+    assert wave.rate == pytest.approx(abs(beat), abs=1e-4)
+    # Widths of exposure, pulse and rows in periods, of which the light does not say which is which.
+    pulse = wave.pulse
+    widths = sorted((pulse.base - pulse.top, pulse.base + pulse.top, pulse.rows))
+    assert widths == pytest.approx([0.256, 0.3, 0.384], abs=0.02)
+    assert wave.pulse.light(wave.phases) == pytest.approx(light, abs=1.5e-3 * light.mean())
+
+
+@pytest.mark.parametrize(("top", "ramp", "rows"), [(0.1, 0.2, 0.1), (0.0, 0.4, 0.4), (0.2, 0.29, 0.0)])
+def test_a_pulse_with_rows_is_the_mean_of_shifted_trapezoids(top, ramp, rows):
+    phases = np.linspace(-1, 2, 500)
+    shifts = ((np.arange(2000) + 0.5) / 2000 - 0.5) * rows
+    mean = np.mean([Pulse(0.3 + shift, top, top + ramp, 1.0, 3.0).light(phases) for shift in shifts], axis=0)
+    assert Pulse(0.3, top, top + ramp, 1.0, 3.0, rows).light(phases) == pytest.approx(mean, abs=1e-6)
 
 
 @pytest.mark.parametrize(

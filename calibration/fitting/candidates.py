@@ -159,7 +159,8 @@ class CandidateModel:
         return powers
 
     def _ratio(self, net_dn: Array) -> Array:
-        return np.maximum(1 + net_dn / self.dark_dn, 1e-6)
+        ratio: Array = np.maximum(1 + net_dn / self.dark_dn, 1e-6)
+        return ratio
 
     def _pchip(self, parameters: Array, net_dn: Array) -> tuple[Array, Array]:
         from scipy.interpolate import PchipInterpolator

@@ -1,7 +1,8 @@
 """Digital calibration certificates (DCC) of PTB: XML with what a certificate states, for machines.
 
 Version 3.1.2 is written (https://ptb.de/dcc/v3.1.2/); versions 3 are read. Quantities are those of D-SI 2
-(https://ptb.de/si/v2.1.0/). Elements are built and found by Python's own ``xml.etree``.
+(https://ptb.de/si/v2.1.0/). Elements are built and found by Python's own ``xml.etree``; what is written was checked
+with lxml against dcc.xsd 3.1.2, which is no part of labcdp. Signatures are noted, not checked.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ VERSION: Final = "3.1.2"
 DCC: Final = "https://ptb.de/dcc"
 SI: Final = "https://ptb.de/si"
 _SCHEMA_INSTANCE: Final = "http://www.w3.org/2001/XMLSchema-instance"
+#: Element of an XML signature (W3C, XML Signature Syntax and Processing).
+_SIGNATURE: Final = "{http://www.w3.org/2000/09/xmldsig#}Signature"
 #: Units of D-SI that are used here, in the BIPM's SI as siunitx writes them.
 LUMINANCE: Final = r"\candela\metre\tothe{-2}"
 ONE: Final = r"\one"
@@ -108,6 +111,8 @@ class DigitalCertificate:
         What else is declared, for example on traceability.
     software : str
         Version of labcdp.
+    is_signed : bool
+        Whether it was read with an XML signature, which is not checked.
 
     Examples
     --------
@@ -138,6 +143,7 @@ class DigitalCertificate:
     method: str = ""
     statements: tuple[str, ...] = ()
     software: str = ""
+    is_signed: bool = False
 
     def quantities_of_kind(self, kind: str, unit: str) -> tuple[CertifiedQuantity, ...]:
         """Return the quantities of a kind and unit."""
@@ -331,6 +337,7 @@ def read_dcc(data: bytes, source: str) -> DigitalCertificate:
             method=_content(_path(root, "measurementResults/measurementResult/usedMethods/usedMethod"), "description"),
             statements=tuple(_content(statement) for statement in statements),
             software=_plain(software, "release"),
+            is_signed=next(root.iter(_SIGNATURE), None) is not None,
         )
 
 

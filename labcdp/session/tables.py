@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import fields, replace
 from datetime import date, datetime, timedelta
 from functools import lru_cache
@@ -21,6 +22,8 @@ from ..core.reading import SERIAL_MODELS, MeterIdentity
 from ..core.spectra import SpectralTable, read_spectral_file
 from ..core.vignetting import VIGNETTING_REL
 from .validation import validated
+
+_log = logging.getLogger(__name__)
 
 # Strict: TOML has types of its own, so "0.01" in quotes or true is a mistake and not a number.
 Text = Annotated[str, Field(strict=True, pattern=r"^\S(.*\S)?$", max_length=255)]
@@ -410,7 +413,12 @@ class MeterCertificate(ConfigurationTable):
         if not is_dcc(data):
             return validated(cls, read_toml(path, "a meter's certificate"), str(path))
         with naming(str(path), ConfigurationError):
-            values = meter_certificate_values(read_dcc(data, "certificate"))
+            certificate = read_dcc(data, "certificate")
+            values = meter_certificate_values(certificate)
+        if certificate.is_signed:
+            _log.warning(
+                "%s: its signature was not checked: check it with a program of the laboratory's or of PTB", path
+            )
         return validated(cls, values, str(path))
 
     def to_dcc(self, meter: MeterIdentity) -> bytes:

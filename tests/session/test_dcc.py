@@ -197,3 +197,15 @@ def test_characters_that_xml_does_not_have_are_replaced():
     words = ("a", "b", "DE", "c", "d", "e", "f", "g", "h", "i")
     made = DigitalCertificate("1", DAY, DAY, *words, (quantity,))
     assert read_dcc(write_dcc(replace(made, laboratory="a\x00b\ud800")), "it").laboratory == "a\ufffdb\ufffd"
+
+
+def test_a_signature_is_noted_and_a_warning_says_that_it_was_not_checked(load, caplog):
+    plain = by_hand((10.1, 10.0, 0.1))
+    signed = plain.replace(
+        b"</dcc:digitalCalibrationCertificate>",
+        b'<ds:Signature xmlns:ds="http://www.w3.org/2000/09/xmldsig#"/></dcc:digitalCalibrationCertificate>',
+    )
+    assert (read_dcc(signed, "it").is_signed, read_dcc(plain, "it").is_signed) == (True, False)
+    assert load(signed) == load(plain)
+    (record,) = caplog.records
+    assert "its signature was not checked: check it with a program of the laboratory's or of PTB" in record.message

@@ -11,15 +11,14 @@ from __future__ import annotations
 import logging
 import re
 from datetime import datetime
-from os import PathLike
-from typing import Any, Final, Self
+from typing import Final, Unpack
 
 from ...core.errors import InputError
 from ...core.reading import LuminanceUnit, MeterIdentity, Reading, is_chromaticity
 from ..meter import MeterProtocolError, MeterReportedError
 from .data_sheet import CS100A
 from .line import LineProtocol
-from .meter import Correction, Response, SerialMeter, require_correction
+from .meter import Correction, ExchangeOptions, Response, SerialMeter, require_correction
 from .port import Port
 from .protocol import NUMBER, REMOTE_MODE_REMEDY, parse_acknowledgement, raise_if_reported
 
@@ -104,16 +103,16 @@ class MinoltaCS100A(SerialMeter):
 
     Parameters
     ----------
-    port, identity, attempts, patience_s, transcript
+    port, identity
         As of `SerialMeter`.
-    timeout_s : float
-        Longest wait for a reply, in seconds.
     response : {'fast', 'slow'}
         SLOW averages longer, for light that flickers.
     correction : {'preset', 'both'}
         The maker's calibration, or the user's of luminance and chromaticity (VARI).
     unit : {'cd/m2', 'fL'}
         Position of the meter's unit switch: its replies do not state the unit.
+    **options
+        ``timeout_s`` (6 s), ``attempts``, ``patience_s`` and ``transcript``, as of `SerialMeter`.
 
     Raises
     ------
@@ -134,41 +133,18 @@ class MinoltaCS100A(SerialMeter):
         port: str | Port,
         identity: MeterIdentity | None = None,
         *,
-        timeout_s: float = 6.0,
         response: Response = "fast",
         correction: Correction = "preset",
         unit: LuminanceUnit = "cd/m2",
-        attempts: int = 1,
-        patience_s: float = 0.0,
-        transcript: str | PathLike[str] | None = None,
+        **options: Unpack[ExchangeOptions],
     ) -> None:
         require_correction("CS-100A", correction, ("preset", "both"))
         if unit not in ("cd/m2", "fL"):
             raise InputError(f"unit is {unit!r}: give 'cd/m2' or 'fL', as the meter's switch is set")
         self._unit, self._slow = unit, response == "slow"
         modes = (_MODES[correction], _ABSOLUTE, _SLOW if self._slow else _FAST)
-        super().__init__(
-            port,
-            identity,
-            LineProtocol(tuple(f"MDS,{mode}" for mode in modes), parse_acknowledgement, REMOTE_MODE_REMEDY),
-            timeout_s=timeout_s,
-            attempts=attempts,
-            patience_s=patience_s,
-            transcript=transcript,
-        )
-
-    @classmethod
-    def configured(
-        cls,
-        port: str | Port,
-        identity: MeterIdentity | None = None,
-        *,
-        response: Response = "fast",
-        correction: Correction = "preset",
-        **options: Any,
-    ) -> Self:
-        """Make the driver with a response and a correction by name; its unit is cd/m²."""
-        return cls(port, identity, response=response, correction=correction, **options)
+        commands = tuple(f"MDS,{mode}" for mode in modes)
+        super().__init__(port, identity, LineProtocol(commands, parse_acknowledgement, REMOTE_MODE_REMEDY), **options)
 
     def measure(self) -> Reading:
         """Take one reading of luminance and chromaticity.
@@ -186,11 +162,9 @@ class MinoltaCS100A(SerialMeter):
         MeterError
             If the meter is not open.
         """
-
-        def parse(reply: bytes) -> Reading:
-            return parse_chroma_reading(reply, self._unit, self.identity, self._port.clock.now())
-
-        reading = self._ask("MES", parse, self._slow)
+        reading = self._ask(
+            "MES", lambda reply, meter, now: parse_chroma_reading(reply, self._unit, meter, now), self._slow
+        )
         if reading.raw.startswith("OK13"):
             _log.warning("%s: the light is below the range of the meter's display (%s)", self.port, reading.raw)
         return reading

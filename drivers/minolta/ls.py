@@ -7,14 +7,13 @@ switch it off and hold F while switching it on; it then shows "C".
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import PathLike
-from typing import Any, Final, Self
+from typing import Final, Self, Unpack
 
 from ...core.reading import MeterIdentity, Reading
 from ..meter import require_mode
 from .data_sheet import LS100, LS110
 from .line import LineProtocol
-from .meter import Correction, Response, SerialMeter
+from .meter import Correction, ExchangeOptions, Response, SerialMeter
 from .port import Port
 from .protocol import (
     MODE_GROUPS,
@@ -40,12 +39,13 @@ class MinoltaLS(SerialMeter):
 
     Parameters
     ----------
-    port, identity, attempts, patience_s, transcript
+    port, identity
         As of `SerialMeter`. `NamedPort` uses the RTS and CTS lines of the cable LS-A12.
-    timeout_s : float
-        Longest wait for a reply, in seconds. The meter itself gives up after 5 s, so use more for a real one.
     modes : sequence of MeterMode
         Set on opening, since the meter cannot report them; PRESET, ABS, FAST and CONT in the groups that it leaves out.
+    **options
+        ``timeout_s`` (6 s: the meter itself gives up after 5 s), ``attempts``, ``patience_s`` and ``transcript``, as of
+        `SerialMeter`.
 
     Raises
     ------
@@ -58,11 +58,8 @@ class MinoltaLS(SerialMeter):
         port: str | Port,
         identity: MeterIdentity | None = None,
         *,
-        timeout_s: float = 6.0,
         modes: Sequence[MeterMode] = (),
-        attempts: int = 1,
-        patience_s: float = 0.0,
-        transcript: str | PathLike[str] | None = None,
+        **options: Unpack[ExchangeOptions],
     ) -> None:
         self._modes = POWER_ON
         for mode in modes:
@@ -70,15 +67,7 @@ class MinoltaLS(SerialMeter):
                 mode if mode in group else former for group, former in zip(MODE_GROUPS, self._modes, strict=True)
             )
         commands = tuple(f"MDS,{mode.value}" for mode in self._modes)
-        super().__init__(
-            port,
-            identity,
-            LineProtocol(commands, parse_acknowledgement, REMOTE_MODE_REMEDY),
-            timeout_s=timeout_s,
-            attempts=attempts,
-            patience_s=patience_s,
-            transcript=transcript,
-        )
+        super().__init__(port, identity, LineProtocol(commands, parse_acknowledgement, REMOTE_MODE_REMEDY), **options)
 
     @classmethod
     def configured(
@@ -88,11 +77,11 @@ class MinoltaLS(SerialMeter):
         *,
         response: Response = "fast",
         correction: Correction = "preset",
-        **options: Any,
+        modes: Sequence[MeterMode] = (),
+        **options: Unpack[ExchangeOptions],
     ) -> Self:
-        """Make the driver with a response and a correction by name; `options` may have further ``modes``."""
-        modes = (_MODES[correction], MeterMode[response.upper()], *options.pop("modes", ()))
-        return cls(port, identity, modes=modes, **options)
+        """Make the driver with a response and a correction by name, and further modes."""
+        return cls(port, identity, modes=(_MODES[correction], MeterMode[response.upper()], *modes), **options)
 
     @property
     def modes(self) -> tuple[MeterMode, ...]:
@@ -137,10 +126,8 @@ class MinoltaLS(SerialMeter):
         return self._reading("DSR")
 
     def _reading(self, command: str) -> Reading:
-        def parse(reply: bytes) -> Reading:
-            return parse_reading(reply, self.data_sheet, self.identity, self._port.clock.now())
-
-        return self._ask(command, parse, MeterMode.SLOW in self._modes)
+        slow = MeterMode.SLOW in self._modes
+        return self._ask(command, lambda reply, meter, now: parse_reading(reply, self.data_sheet, meter, now), slow)
 
 
 class MinoltaLS100(MinoltaLS):

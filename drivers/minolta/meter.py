@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from datetime import datetime
 from math import isfinite
 from os import PathLike
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self, TypedDict, Unpack
 
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
@@ -26,6 +27,15 @@ Response = Literal["fast", "slow"]
 Correction = Literal["preset", "colour", "luminance", "both"]
 
 
+class ExchangeOptions(TypedDict, total=False):
+    """How a meter is asked, as of `SerialMeter`."""
+
+    timeout_s: float
+    attempts: int
+    patience_s: float
+    transcript: str | PathLike[str] | None
+
+
 class SerialMeter(Meter):
     """Base class of the meters on a port; a model has its data sheet, protocol, and command for a reading.
 
@@ -40,8 +50,8 @@ class SerialMeter(Meter):
     protocol : LineProtocol
         Set-up and replies of the model.
     timeout_s : float
-        Longest wait for a reply, in seconds. After a failed exchange the next one first waits as long again for a late
-        reply, which is dropped.
+        Longest wait for a reply, in seconds; if left out, that of the model. After a failed exchange the next one first
+        waits as long again for a late reply, which is dropped.
     attempts : int
         Largest number of attempts for a command with a late, incomplete or invalid reply. A command not understood by
         the meter (ER00) is repeated once; other error codes are not retried.
@@ -65,6 +75,8 @@ class SerialMeter(Meter):
     data_sheet: ClassVar[MeterDataSheet]
     #: Of the serial port.
     settings: ClassVar[Mapping[str, Any]] = SETTINGS
+    #: Longest wait for a reply if none is given. The meters themselves give up after 5 s.
+    longest_reply_s: ClassVar[float] = 6.0
 
     def __init__(
         self,
@@ -72,11 +84,12 @@ class SerialMeter(Meter):
         identity: MeterIdentity | None,
         protocol: LineProtocol,
         *,
-        timeout_s: float,
-        attempts: int,
-        patience_s: float,
-        transcript: str | PathLike[str] | None,
+        timeout_s: float | None = None,
+        attempts: int = 1,
+        patience_s: float = 0.0,
+        transcript: str | PathLike[str] | None = None,
     ) -> None:
+        timeout_s = self.longest_reply_s if timeout_s is None else timeout_s
         if not (isfinite(timeout_s) and timeout_s > 0):
             raise InputError(f"timeout_s is {timeout_s}: give a positive number of seconds")
         if attempts < 1:
@@ -103,7 +116,7 @@ class SerialMeter(Meter):
         *,
         response: Response = "fast",
         correction: Correction = "preset",
-        **options: Any,
+        **options: Unpack[ExchangeOptions],
     ) -> Self:
         """Make the driver with a response and a correction by name, as configurations have them.
 
@@ -121,7 +134,7 @@ class SerialMeter(Meter):
         InputError
             If the model does not have this correction.
         """
-        raise NotImplementedError
+        return cls(port, identity, response=response, correction=correction, **options)  # type: ignore[call-arg]
 
     @property
     def identity(self) -> MeterIdentity:
@@ -176,9 +189,14 @@ class SerialMeter(Meter):
         """Close the port; may be called twice."""
         self._line.close()
 
-    def _ask(self, command: str, parse: Callable[[bytes], Reading], slow: bool = False) -> Reading:
-        """Send a command for a reading, and warn of one in fL or outside the range of the meter."""
-        reading = self._line.ask(command, parse)
+    def _ask(
+        self, command: str, parse: Callable[[bytes, MeterIdentity, datetime], Reading], slow: bool = False
+    ) -> Reading:
+        """Send a command for a reading, and warn of one in fL or outside the range of the meter.
+
+        `parse` gets the reply, the meter and the time.
+        """
+        reading = self._line.ask(command, lambda reply: parse(reply, self.identity, self._port.clock.now()))
         if reading.unit == "fL":
             _log.warning(
                 "%s: the meter is set to fL: %g fL is %g cd/m²; set its unit switch to cd/m² if that is not meant",

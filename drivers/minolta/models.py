@@ -9,7 +9,7 @@ from ...core.reading import MeterIdentity
 from ...session import MeterConfiguration
 from .cs100a import MinoltaCS100A
 from .ls import MinoltaLS100, MinoltaLS110
-from .meter import SerialMeter, require_correction
+from .meter import SerialMeter
 from .port import Port
 from .program import MinoltaCS150, MinoltaCS160, MinoltaLS150, MinoltaLS160, OwnProgramMeter
 
@@ -70,7 +70,6 @@ def configured_meter(
         where = driver.named_port(where, described.rtscts)
     response, correction = described.response, described.correction
     if described.entry == "program":
-        require_correction(described.model, correction, ("preset",))
         accuracy = {name: getattr(described, name) for name in ("scale_half_width_rel", "repeatability_rel", "digits")}
-        return OwnProgramMeter(where, identity, response=response, **accuracy, **options)
+        return OwnProgramMeter(where, identity, response=response, correction=correction, **accuracy, **options)
     return driver.configured(where, identity, response=response, correction=correction, **options)

@@ -20,14 +20,13 @@ import re
 from collections.abc import Mapping
 from datetime import datetime
 from math import inf, isfinite
-from os import PathLike
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Unpack
 
 from ...core.reading import MeterIdentity, Reading, is_chromaticity
 from ..meter import MeterLostError, MeterProtocolError, MeterReportedError
 from .data_sheet import CS150, CS160, LS150, LS160, MeterDataSheet
 from .line import LineProtocol
-from .meter import Correction, Response, SerialMeter, require_correction
+from .meter import Correction, ExchangeOptions, Response, SerialMeter, require_correction
 from .port import Port
 
 #: Integration of the slow response, in seconds: whole periods of mains light at 50 and 60 Hz.
@@ -142,20 +141,24 @@ class ProgramMeter(SerialMeter):
 
     Parameters
     ----------
-    port, identity, attempts, patience_s, transcript
+    port, identity
         As of `SerialMeter`; the port is usually one of the network, ``socket://HOST:PORT``.
-    timeout_s : float
-        Longest wait for a reply, in seconds: an automatic measurement in the dark takes some.
     response : {'fast', 'slow'}
         Integration as the meter chooses, or over 1 s, for light that flickers.
+    correction : {'preset'}
+        Others are set at the meter.
+    **options
+        ``timeout_s`` (30 s: an automatic measurement in the dark takes some), ``attempts``, ``patience_s`` and
+        ``transcript``, as of `SerialMeter`.
 
     Raises
     ------
     InputError
-        If a number is out of its range.
+        If a number is out of its range, or another correction is given.
     """
 
     settings: ClassVar[Mapping[str, Any]] = {"baudrate": 9600}
+    longest_reply_s: ClassVar[float] = 30.0
     _digits: int | None = None
 
     def __init__(
@@ -163,37 +166,15 @@ class ProgramMeter(SerialMeter):
         port: str | Port,
         identity: MeterIdentity | None = None,
         *,
-        timeout_s: float = 30.0,
-        response: Response = "fast",
-        attempts: int = 1,
-        patience_s: float = 0.0,
-        transcript: str | PathLike[str] | None = None,
-    ) -> None:
-        integration = f"{_SLOW_S:g}" if response == "slow" else "AUTO"
-        self._slow = response == "slow"
-        super().__init__(
-            port,
-            identity,
-            LineProtocol(("CONNECT", f"INTEG {integration}"), _parse_acknowledgement, _SILENCE, b"\n", 512),
-            timeout_s=timeout_s,
-            attempts=attempts,
-            patience_s=patience_s,
-            transcript=transcript,
-        )
-
-    @classmethod
-    def configured(
-        cls,
-        port: str | Port,
-        identity: MeterIdentity | None = None,
-        *,
         response: Response = "fast",
         correction: Correction = "preset",
-        **options: Any,
-    ) -> Self:
-        """Make the driver with a response by name; corrections are set at the meter."""
-        require_correction(cls.data_sheet.model, correction, ("preset",))
-        return cls(port, identity, response=response, **options)
+        **options: Unpack[ExchangeOptions],
+    ) -> None:
+        require_correction(self.data_sheet.model, correction, ("preset",))
+        integration = f"{_SLOW_S:g}" if response == "slow" else "AUTO"
+        self._slow = response == "slow"
+        protocol = LineProtocol(("CONNECT", f"INTEG {integration}"), _parse_acknowledgement, _SILENCE, b"\n", 512)
+        super().__init__(port, identity, protocol, **options)
 
     def measure(self) -> Reading:
         """Take one reading.
@@ -211,12 +192,11 @@ class ProgramMeter(SerialMeter):
         MeterError
             If the meter is not open.
         """
-
-        def parse(reply: bytes) -> Reading:
-            now = self._port.clock.now()
-            return parse_program_reading(reply, self.data_sheet, self.identity, now, digits=self._digits)
-
-        return self._ask("MEASURE", parse, self._slow)
+        return self._ask(
+            "MEASURE",
+            lambda reply, meter, now: parse_program_reading(reply, self.data_sheet, meter, now, digits=self._digits),
+            self._slow,
+        )
 
 
 class MinoltaLS150(ProgramMeter):
@@ -276,7 +256,7 @@ class OwnProgramMeter(ProgramMeter):
 
     Parameters
     ----------
-    port, timeout_s, response, attempts, patience_s, transcript
+    port, response, correction, **options
         As of `ProgramMeter`.
     identity : MeterIdentity
         Model and serial number.

@@ -33,6 +33,8 @@ _WORD: Final = "Chunk"
 _UNITS: Final = {"exposure_us": ("us", "µs", ""), "gain_db": ("db", "")}
 #: Differences from the settings that are rounding: an exposure of whole microseconds or rows, a gain in steps.
 _EXPOSURE_REL, _EXPOSURE_US, _GAIN_DB = 2e-3, 2.0, 0.1
+#: Most frames that a camera may count between two that it sends; more are another counter.
+_MOST_UNSENT: Final = 10_000
 #: What to do about frames that are not as set.
 REMEDY: Final = (
     "switch off what changes it, such as a sequencer or a set of another program; "
@@ -84,7 +86,7 @@ def switch_on_chunks(camera: Any) -> None:
         if not isinstance(error, CameraSettingError) and is_of_transport(error):
             raise
         _log.info("the camera sends no chunk data: %s", error)
-        if writable(camera, CHUNK_MODE):
+        with contextlib.suppress(CameraSettingError, gerror()):
             write_feature(camera, CHUNK_MODE, False)
 
 
@@ -166,6 +168,5 @@ def n_frames_unsent(id_before: int, counter_before: int, frame_id: int, counter:
 
     An id or a counter that begins anew says nothing.
     """
-    if frame_id <= id_before or counter <= counter_before:
-        return 0
-    return max(0, counter - counter_before - (frame_id - id_before))
+    n_unsent = counter - counter_before - (frame_id - id_before)
+    return n_unsent if frame_id > id_before and 0 < n_unsent <= _MOST_UNSENT else 0

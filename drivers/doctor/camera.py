@@ -11,6 +11,7 @@ from ..aravis.camera import AravisCamera
 from ..aravis.chunks import ChunkData
 from ..aravis.connection import restore_snapshot, take_snapshot
 from ..aravis.features import available, read_feature, readable_features, writable, write_feature
+from ..aravis.frames import NOT_AS_SET
 from ..aravis.library import CameraInfo
 from ..aravis.link import Link, connect
 from ..aravis.settings import layout_of, read_settings, temperature_c
@@ -279,8 +280,10 @@ def _plan(facts: CameraFacts) -> Check | None:
 
 
 def _chunks(facts: CameraFacts) -> Check | None:
-    """State what the camera says of each frame; where that is not as set, the frames are refused."""
-    data = facts.chunk_data
+    """State what the camera says of each frame; None where it says nothing, or frames were refused for it."""
+    data, problem = facts.chunk_data, facts.problem
+    if isinstance(problem, IncompleteFrameError) and problem.status == NOT_AS_SET:
+        return None
     values = {
         "exposure time": None if data.exposure_us is None else f"{data.exposure_us * 1e-3:.6g} ms",
         "gain": None if data.gain_db is None else f"{data.gain_db:.4g} dB",

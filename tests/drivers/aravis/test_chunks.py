@@ -25,11 +25,11 @@ LONG_IDS = {"GevGVSPExtendedIDMode": "On"}
 
 
 @contextmanager
-def simulated(features=None, faults=None, **device):
+def simulated(planned=None, faults=None, **device):
     """The simulated camera, with faults, and the driver, which sets features as a plan does."""
     with SimulatedGigECamera(replace(DEVICE, **device), Ramp((47, 63))) as camera:
         camera.set_faults(faults or {})
-        with opened(features) as driver:
+        with opened(planned) as driver:
             yield camera, driver
 
 
@@ -101,6 +101,30 @@ def test_chunks_that_are_switched_off_are_not_compared(aravis):
         assert camera.chunk_data.gain_db == 0.0
 
 
+def without(**changed):
+    """Features of a camera whose chunk data differ."""
+    table = standard_features("sfnc")
+    chunks = {name: of | changed.get(name, {}) for name, of in table["ChunkDataControl"].items()}
+    return dict(table) | {"ChunkDataControl": chunks}
+
+
+#: What the registers of the camera take is not what its description says, or it has other chunks.
+ODD = {
+    "the mode is locked": without(ChunkModeActive={"access": "RO"}),
+    "no chunk can be switched": without(ChunkEnable={"access": "RO"}),
+    "none can be selected": without(ChunkSelector={"access": "RO"}),
+    "it has others": without(ChunkSelector={"choices": {"CRC": 0, "LineStatusAll": 1}}),
+    "its exposure is in other units": without(ChunkExposureTime={"unit": "ms", "steps": 7}),
+}
+
+
+@pytest.mark.parametrize("features", ODD.values(), ids=ODD)
+def test_a_camera_with_odd_chunks_is_opened_and_its_frames_come(aravis, features):
+    with simulated(features=features) as (_, camera):
+        camera.configure(exposure_s=2e-3)
+        assert camera.snap().dn[0, 0] == 2000
+
+
 def test_the_doctor_names_what_comes_with_frames_and_leaves_the_mode_as_it_was(aravis):
     with SimulatedGigECamera(DEVICE, Ramp((47, 63))) as sender:
         (info,) = [camera for camera in discover() if camera.address == sender.address]
@@ -108,9 +132,10 @@ def test_the_doctor_names_what_comes_with_frames_and_leaves_the_mode_as_it_was(a
         assert "exposure time 10 ms, gain 0 dB, timestamp" in checks["chunk data"].cause
         assert sender._registers.read(0x180) == 0
         sender.set_faults({"wrong exposure": 0.0})
-        (frames,) = [check for check in check_camera(info, interfaces(), stream=True) if check.topic == "frames"]
-        assert frames.state == "fault"
-        assert "exposed for 20 ms, not for the 10 ms set" in frames.cause
+        checks = {check.topic: check for check in check_camera(info, interfaces(), stream=True)}
+        assert "chunk data" not in checks
+        assert checks["frames"].state == "fault"
+        assert "exposed for 20 ms, not for the 10 ms set" in checks["frames"].cause
 
 
 @pytest.mark.parametrize(
@@ -126,7 +151,14 @@ def test_a_frame_that_comes_twice_is_told_from_the_next(before, now, said):
 
 @pytest.mark.parametrize(
     ("before", "now", "n_unsent"),
-    [((7, 5), (8, 6), 0), ((7, 5), (9, 7), 0), ((7, 5), (8, 9), 3), ((7, 0xFFFF), (8, 0), 0), ((0xFFFF, 5), (1, 6), 0)],
+    [
+        ((7, 5), (8, 6), 0),
+        ((7, 5), (9, 7), 0),
+        ((7, 5), (8, 9), 3),
+        ((7, 0xFFFF), (8, 0), 0),
+        ((0xFFFF, 5), (1, 6), 0),
+        ((7, 5), (8, 2**24), 0),
+    ],
 )
 def test_frames_that_the_camera_counted_but_did_not_send_are_noted(before, now, n_unsent):
     assert n_frames_unsent(*before, *now) == n_unsent

@@ -28,6 +28,7 @@ from .genicam import feature
 
 _EXPOSURE_RANGE_US: Final = feature("ExposureTimeAbs")["range"]
 _GAIN_RANGE_DB: Final = feature("Gain")["range"]
+_FRAME_RATE_RANGE_HZ: Final = feature("AcquisitionFrameRateAbs")["range"]
 #: Pixel data of a stream packet: 9000 bytes less headers.
 _PACKET_DATA_BYTES: Final = 8964
 
@@ -118,6 +119,10 @@ class InProcessCamera(Reach, Camera):
         return self._settings
 
     @property
+    def _frame_rate_hz(self) -> float:
+        return self._settings.frame_rate_hz or self._device.frame_rate_hz
+
+    @property
     def exposure_range_s(self) -> tuple[float, float]:
         """Shortest and longest exposure."""
         return _EXPOSURE_RANGE_US[0] * 1e-6, _EXPOSURE_RANGE_US[1] * 1e-6
@@ -144,7 +149,7 @@ class InProcessCamera(Reach, Camera):
             "PixelFormat": settings.pixel_format,
             "DeviceTemperature": self.temperature_c,
             "ExposureTimeAbs": settings.exposure_s * 1e6,
-            "AcquisitionFrameRateAbs": device.frame_rate_hz,
+            "AcquisitionFrameRateAbs": self._frame_rate_hz,
             "Gain": settings.gain_db,
             "BlackLevel": settings.black_level,
         }
@@ -181,12 +186,20 @@ class InProcessCamera(Reach, Camera):
         return self._settings
 
     def prepare(self, wanted: CameraSetup) -> None:
-        """Accept no settings; raises CameraSettingError for any."""
-        given = [*wanted.settings, *wanted.features]
+        """Set the frame rate, in whole microseconds; raises CameraSettingError for any other setting."""
+        self._require_open()
+        given = [name for name in (*wanted.settings, *wanted.features) if name != "frame_rate_hz"]
         if given:
             raise CameraSettingError(
                 f"the camera in this process cannot set {given[0]}", "use the one on loopback, without --virtual-clock"
             )
+        if wanted.frame_rate_hz is not None:
+            low, high = _FRAME_RATE_RANGE_HZ
+            if not low <= wanted.frame_rate_hz <= high:
+                raise CameraSettingError(
+                    f"frame_rate_hz is {wanted.frame_rate_hz:g} Hz", f"the camera takes {low:g} to {high:g} Hz"
+                )
+            self._settings = replace(self._settings, frame_rate_hz=1e6 / round(1e6 / wanted.frame_rate_hz))
 
     def grab(self, n: int, timeout_s: float | None = None, on_refused: Refused | None = None) -> Iterator[Frame]:
         """Take `n` complete consecutive frames, yielding each as it arrives.
@@ -215,7 +228,7 @@ class InProcessCamera(Reach, Camera):
         self._await_reconnect()
         wait_s = settings.longest_wait_s(timeout_s)
         until_s = clock.monotonic_s() + wait_s
-        clock.sleep(max(settings.exposure_s, 1 / self._device.frame_rate_hz))
+        clock.sleep(max(settings.exposure_s, 1 / self._frame_rate_hz))
         while "stall" in self._faults and not self._cut:
             if clock.monotonic_s() >= until_s:
                 raise FrameTimeoutError(

@@ -8,6 +8,7 @@ import select
 import shlex
 import subprocess
 import termios
+import tomllib
 
 import pytest
 
@@ -51,6 +52,18 @@ def test_a_recorded_session_in_place_of_devices(labcdp, tmp_path):
     (tmp_path / "once.toml").write_text(text.replace("readings_per_patch = 2", "readings_per_patch = 1"))
     line = only_line(labcdp("acquire", "once.toml", "other", "--replay", example))
     assert "[plan] of the configuration differs from the recording" in line
+
+
+@pytest.mark.parametrize("clock", [(), ("--virtual-clock",)])
+def test_the_template_of_a_plan_is_recorded_on_the_simulated_bench(labcdp, tmp_path, clock):
+    """As README and docs say, whatever its [camera] asks for; of one patch and exposure, on a small sensor."""
+    assert labcdp("init", "bench", "bench.toml").returncode == 0
+    camera = tomllib.loads((tmp_path / "bench.toml").read_text())["camera"]
+    table = "\n".join(f"{name} = {json.dumps(value)}" for name, value in camera.items() if name != "lens")
+    text = re.sub(r"\[camera\][^\[]*", f"[camera]\n{table}\n\n", plan("P12", [0.002]), count=1)
+    (tmp_path / "plan.toml").write_text(text)
+    done = labcdp("acquire", "plan.toml", "own", *SIMULATED[:2], *clock)
+    assert done.returncode == 0, done.stderr
 
 
 def test_of_several_that_begin_a_session_at_once_one_gets_it(labcdp_path, tmp_path):

@@ -23,6 +23,7 @@ from labcdp.drivers.camera import (
     FrameTimeoutError,
     IncompleteFrameError,
 )
+from labcdp.drivers.camera_settings import CameraSetup
 from labcdp.drivers.simulated.bench import SimulatedBench, SimulatedDevices
 
 from ..conftest import wait_until
@@ -138,6 +139,15 @@ def test_frames_come_whole_in_order_and_with_the_settings_asked_for(transport):
             assert not frame.dn.flags.writeable
         assert camera.statistics.completed >= 10
         assert camera.features()["DeviceModelName"] == camera.identity.model
+
+
+def test_the_frame_rate_of_a_plan_is_set_and_read_back(transport):
+    with transport.camera() as camera:
+        camera.prepare(CameraSetup(frame_rate_hz=11.0))
+        assert camera.settings.frame_rate_hz == pytest.approx(11.0, rel=1e-4)
+        with pytest.raises(CameraSettingError, match=r"frame_rate_hz is 1e\+06 Hz.*takes .* to "):
+            camera.prepare(CameraSetup(frame_rate_hz=1e6))
+        assert camera.settings.frame_rate_hz == pytest.approx(11.0, rel=1e-4)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import subprocess
 import threading
 from collections.abc import Callable
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -62,6 +62,14 @@ def on_the_wire(configuration):
 
 
 @contextmanager
+def with_chunks(configuration):
+    """The simulated camera with the names of the standard, which sends its frames with chunk data itself."""
+    devices = replace(SimulatedDevices.standard(seed=3), naming="sfnc")
+    with SimulatedBench(configuration, devices, SHAPE) as bench, bench.gige_camera(ADDRESS):
+        yield Transport(wired, bench.run_command)
+
+
+@contextmanager
 def of_aravis(_configuration):
     """Aravis' simulator, which can only be switched off and on; its gain counts in steps of its own."""
     processes, timers = [], []
@@ -90,7 +98,14 @@ def of_aravis(_configuration):
     switch_off()
 
 
-@pytest.fixture(scope="module", params=[on_the_wire, in_process, of_aravis], ids=["wire", "in process", "of Aravis"])
+#: The first shows most of what the second does, which has other senders of packets.
+WIRES = [pytest.param(on_the_wire, id="wire"), pytest.param(with_chunks, id="wire with chunks", marks=pytest.mark.long)]
+
+
+@pytest.fixture(
+    scope="module",
+    params=[*WIRES, pytest.param(in_process, id="in process"), pytest.param(of_aravis, id="of Aravis")],
+)
 def transport(request, aravis_tools, small_configuration):
     with request.param(small_configuration) as transport:
         yield transport
@@ -202,7 +217,7 @@ def test_patience_bridges_a_loss_of_power_with_all_settings_and_notes_the_gap(tr
     ],
 )
 # Aravis' simulator has no faults.
-@pytest.mark.parametrize("transport", [on_the_wire, in_process], ids=["wire", "in process"], indirect=True)
+@pytest.mark.parametrize("transport", [*WIRES, pytest.param(in_process, id="in process")], indirect=True)
 def test_each_fault_has_its_error_and_leaves_a_camera_that_works(transport, fault, error):
     camera = transport.camera().open()
     frames = camera.grab(100, timeout_s=3.0)
@@ -215,7 +230,7 @@ def test_each_fault_has_its_error_and_leaves_a_camera_that_works(transport, faul
         assert camera.snap().shape == SHAPE
 
 
-@pytest.mark.parametrize("transport", [on_the_wire], ids=["wire"], indirect=True)
+@pytest.mark.parametrize("transport", WIRES, indirect=True)
 def test_a_camera_that_another_program_has_taken_says_so(transport):
     with wired() as camera:
         frames = camera.grab(100, timeout_s=3.0)

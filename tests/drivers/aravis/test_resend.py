@@ -1,16 +1,18 @@
 """Packets that come again, rightly or not, and packets that a switch does not take, on a simulated camera's wire."""
 
 import socket
+from ipaddress import IPv4Interface
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from labcdp.drivers.aravis import transport
 from labcdp.drivers.aravis.camera import AravisCamera
 from labcdp.drivers.aravis.packet_size import path_packet_bytes
 from labcdp.drivers.camera import IncompleteFrameError
 from labcdp.drivers.camera_settings import CameraSetup
-from labcdp.drivers.network import resend_check
+from labcdp.drivers.network import Interface, resend_check
 from labcdp.drivers.simulated.commands import RESEND_KINDS
 from labcdp.drivers.simulated.gige_camera import SimulatedDevice, SimulatedGigECamera
 
@@ -123,3 +125,23 @@ def test_frames_of_one_packet_come_on_where_their_ids_of_16_bits_run_over(aravis
         ids = [frame.frame_id for frame in camera.grab(200)]
     assert ids[0] > ids[-1] > 0
     assert all(after == before % 0xFFFF + 1 for before, after in pairwise(ids))
+
+
+@pytest.mark.parametrize(("switch_bytes", "size_bytes"), [(1500, 1500), (9000, 9000)])
+def test_opening_takes_the_packets_that_a_switch_lets_through_and_names_it(
+    sender, monkeypatch, caplog, switch_bytes, size_bytes
+):
+    """Loopback stands for an interface with jumbo frames, whose cameras are asked for test packets."""
+    jumbo = Interface("eth0", IPv4Interface("127.0.0.1/8"), mtu_bytes=9000)
+    monkeypatch.setattr(transport, "interface_to", lambda *_: jumbo)
+    sender.set_faults({"path": float(switch_bytes)})
+    with AravisCamera(sender.address) as camera:
+        assert size_bytes - 4 <= camera.path_packet_bytes <= size_bytes
+        assert camera.feature("GevSCPSPacketSize") == camera.path_packet_bytes
+        right = np.arange(HEIGHT, dtype=np.uint16)[:, None]
+        camera.configure(exposure_s=1e-3, pixel_format="Mono12")
+        assert (camera.snap().dn == right).all()
+    named = [record.message for record in caplog.records if "do not come through" in record.message]
+    assert [text.startswith("packets above ") and "a switch between" in text for text in named] == (
+        [True] if switch_bytes < 9000 else []
+    )

@@ -83,7 +83,8 @@ class SerialShutter(Shutter):
     port : str
         Serial port, for example ``/dev/ttyUSB1``, or ``socket://HOST:PORT`` in the network.
     timeout_s : float
-        Longest time for a move, in seconds.
+        Longest time for a move, in seconds. After a command without an answer the next one first waits as long again
+        for a late answer, which is dropped.
     attempts : int
         Largest number of attempts for a command that is not answered or answered with garbage.
     baudrate : int
@@ -114,6 +115,7 @@ class SerialShutter(Shutter):
         self._attempts = attempts
         self._baudrate = baudrate
         self._port: Any = None
+        self._is_answer_due = False
 
     def open(self) -> Self:
         """Connect; does nothing if it is open.
@@ -153,11 +155,17 @@ class SerialShutter(Shutter):
         if self._port is None:
             raise ShutterError(f"the shutter on {self._name} is not open", "call open(), or use it in a with statement")
         with self._problems("was lost"):
-            # A late answer to an earlier command is none to this one.
+            # A late answer to an earlier command is none to this one: it is waited for as long again.
+            if self._is_answer_due:
+                self._port.read_until(b"\n", _LONGEST_BYTES)
             self._port.reset_input_buffer()
+            self._is_answer_due = True
             self._port.write(f"{command}\r\n".encode("ascii"))
             line: bytes = self._port.read_until(b"\n", _LONGEST_BYTES)
-        return line.decode("ascii", "replace").strip() if line.endswith(b"\n") else ""
+        if not line.endswith(b"\n"):
+            return ""
+        self._is_answer_due = False
+        return line.decode("ascii", "replace").strip()
 
     def _problems(self, what: str) -> _Explained:
         return _Explained(f"the shutter on {self._name} {what}", self.close)

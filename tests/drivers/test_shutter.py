@@ -64,6 +64,18 @@ def test_a_lost_and_a_garbled_answer_are_asked_for_again(served, moves):
     assert moves == [0, 0, 0]
 
 
+def test_a_late_answer_is_not_taken_for_that_to_the_next_command(served, moves):
+    """Dark frames would be taken while the shutter is still open."""
+    with SerialShutter(served.port, timeout_s=SHORT_S, attempts=1) as shutter:
+        served.inject(Fault(delay_s=1.5 * SHORT_S), Fault(reply=b"ERROR stuck\r\n"))
+        with pytest.raises(ShutterError, match="did not answer to SET 1"):
+            shutter.set(1)
+        with pytest.raises(ShutterError, match="answered 'ERROR stuck' to SET 0"):
+            shutter.set(0)
+        shutter.set(0.5)
+    assert moves[-1] == 0.5
+
+
 @pytest.mark.parametrize("fault", [Fault(reply=b""), Fault(n_bytes=1)])
 def test_a_silent_one_ends_in_one_line(served, fault):
     with SerialShutter(served.port, timeout_s=SHORT_S, attempts=1) as shutter:

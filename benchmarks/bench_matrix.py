@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import labcdp
 from labcdp.metrics import Distribution
-from labcdp.metrics.contrast import decimal_fraction, detected_ratios
+from labcdp.metrics.contrast import decimal_ratio, detected_ratios
 from labcdp.metrics.pairs_kernel import merge_counts
 from labcdp.metrics.pixel_pairs import RELATIVE_TOLERANCE
 
@@ -69,7 +69,7 @@ def count(regions: Mapping[str, NDArray[np.float64]]) -> None:
 def at_measured_contrasts(regions: Mapping[str, NDArray[np.float64]]) -> None:
     """Compute the matrix with intervals that are not known from the call before."""
     detected_ratios.cache_clear()
-    decimal_fraction.cache_clear()
+    decimal_ratio.cache_clear()
     labcdp.cdp_matrix(regions)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from decimal import Decimal
-from fractions import Fraction
 from functools import lru_cache
 from math import inf, isfinite
 from numbers import Real
@@ -23,7 +22,9 @@ from .pixel_pairs import bright_and_dark
 #: Detection intervals that are kept for the next frame of a video.
 _KEPT = 2**14
 #: Ends of intervals are at most half the largest float.
-_LARGEST_END = Fraction(float_info.max) / 2
+_LARGEST_END = int(float_info.max) // 2
+#: A number as the ratio of two whole ones, the second above 0.
+_Exact: TypeAlias = tuple[int, int]
 #: Contrasts to be detected, fractions: one, or several; None for the one that a pair has.
 TargetContrasts: TypeAlias = float | tuple[float, ...] | None
 
@@ -199,26 +200,32 @@ def detected_ratios(contrast: float, epsilon: Epsilon, definition: ContrastDefin
     return -inf if low is None else low, inf if high is None else high
 
 
-def _ends(contrast: float, epsilon: Epsilon) -> tuple[Fraction | None, Fraction | None]:
+def _ends(contrast: float, epsilon: Epsilon) -> tuple[_Exact | None, _Exact | None]:
     """Return the ends of the interval, from the decimals that contrast and tolerance are written as."""
     below, above = (
         (epsilon.below, epsilon.above) if isinstance(epsilon, DetectionInterval) else (float(epsilon), float(epsilon))
     )
-    middle = decimal_fraction(contrast)
-    low = None if below is None else middle * (1 - decimal_fraction(below))
-    high = None if above is None else middle * (1 + decimal_fraction(above))
-    return low, high
+    number, of = decimal_ratio(contrast)
+
+    def end(tolerance: float, sign: int) -> _Exact:
+        part, whole = decimal_ratio(tolerance)
+        return number * (whole + sign * part), of * whole
+
+    return None if below is None else end(below, -1), None if above is None else end(above, 1)
 
 
-def _ratio(end: Fraction, definition: ContrastDefinition) -> float:
+def _ratio(end: _Exact, definition: ContrastDefinition) -> float:
+    number, of = end
     if definition == "weber":
-        return _rounded(1 + end)
-    return inf if end >= 1 else _rounded((1 + end) / (1 - end))
+        return _rounded((of + number, of))
+    return inf if number >= of else _rounded((of + number, of - number))
 
 
-def _rounded(number: Fraction) -> float:
+def _rounded(quotient: _Exact) -> float:
     """Return the nearest float, at most half the largest one: with its tolerance an end there would be open."""
-    return float(min(number, _LARGEST_END))
+    number, of = quotient
+    # Python rounds the quotient of two whole numbers correctly.
+    return number / of if number <= _LARGEST_END * of else float(_LARGEST_END)
 
 
 def _is_number(value: object) -> TypeGuard[float]:
@@ -226,6 +233,6 @@ def _is_number(value: object) -> TypeGuard[float]:
 
 
 @lru_cache(maxsize=_KEPT)
-def decimal_fraction(number: float) -> Fraction:
-    """Return a float as the exact fraction of its shortest decimal: 0.1 is exactly 1/10."""
-    return Fraction(Decimal(repr(float(number))))
+def decimal_ratio(number: float) -> tuple[int, int]:
+    """Return a float as the exact ratio of its shortest decimal: 0.1 is exactly 1 to 10."""
+    return Decimal(repr(float(number))).as_integer_ratio()

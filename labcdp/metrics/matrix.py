@@ -18,7 +18,7 @@ from .distribution import Distribution
 from .moments import Moments, cnr_of_moments, csnr_of_moments, d_prime_of_moments
 from .pixel_pairs import RELATIVE_TOLERANCE
 from .result import target_contrasts
-from .uncertainty import confidence_interval, unbiased_variance
+from .uncertainty import confidence_interval, scatter, variance_of_scatters
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -263,18 +263,20 @@ def _probabilities(
     patches: Sequence[_Patch], bright: _Index, dark: _Index, targets: _Array, epsilon: Epsilon
 ) -> dict[str, _Array]:
     """Values of `Cdp` of all pairs at their target contrasts, shape (n, n, contrasts), nan where these are nan."""
-    counted = np.full((*targets.shape, 5), nan)
+    counted = np.full((*targets.shape, 6), nan)
     # Both orders of two regions are the same, but where their means are equal.
     mirrored = np.tri(len(patches), dtype=np.bool_) & (bright == bright.T)
     for i, j in np.argwhere(np.isfinite(targets).any(axis=2) & ~mirrored).tolist():
         counted[i, j] = _count(patches[bright[i, j]], patches[dark[i, j]], targets[i, j].tolist(), epsilon)
     counted[mirrored] = counted.transpose(1, 0, 2, 3)[mirrored]
-    below, inside, above, variance, inflation = np.moveaxis(counted, -1, 0)
+    below, inside, above, dark_scatter, bright_scatter, inflation = np.moveaxis(counted, -1, 0)
     sizes = np.array([patch.distribution.total for patch in patches])
+    n_bright, n_dark = sizes[bright][..., None], sizes[dark][..., None]
+    variance = inflation * variance_of_scatters(inside, dark_scatter, bright_scatter, n_dark, n_bright)
     not_positive = np.array([patch.distribution.not_positive for patch in patches])
     undefined = (not_positive[bright] * not_positive[dark])[..., None]
     u, factor = np.sqrt(variance), np.sqrt(inflation)
-    independent = np.minimum(sizes[bright], sizes[dark])[..., None] / np.square(factor)
+    independent = np.minimum(n_bright, n_dark) / np.square(factor)
     interval = confidence_interval(inside, np.square(u), independent)
     return {
         "cdp": inside,
@@ -289,7 +291,7 @@ def _probabilities(
 
 
 def _count(bright: _Patch, dark: _Patch, contrasts: Sequence[float], epsilon: Epsilon) -> list[tuple[float, ...]]:
-    """Shares below, inside and above of each contrast, variance of that inside, and its inflation."""
+    """Shares below, inside and above of each contrast, scatters of that inside by dark and bright pixel, inflation."""
     from .pairs_kernel import merge_counts
 
     upper, lower = bright.distribution, dark.distribution
@@ -306,6 +308,6 @@ def _count(bright: _Patch, dark: _Patch, contrasts: Sequence[float], epsilon: Ep
         inflation = 1.0
         if bright.noisy is not None and dark.noisy is not None:
             inflation = cdp_inflation(bright.noisy, dark.noisy, inside, per_dark, per_bright)
-        variance = unbiased_variance(inside, per_dark, lower.weights, per_bright, upper.weights)
-        counted.append((below, inside, above, inflation * variance, inflation))
+        scatters = scatter(per_dark, lower.weights, inside), scatter(per_bright, upper.weights, inside)
+        counted.append((below, inside, above, *scatters, inflation))
     return counted

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
 from .arrays import numeric_array
-from .contrast import decimal_fraction
+from .contrast import decimal_ratio
 from .distribution import Distribution, Region, weight_not_positive
 from .pixel_pairs import bright_and_dark, weight_up_to
 
@@ -83,7 +83,8 @@ def contrast_distribution(a: Region, b: Region, bins: int | ArrayLike) -> Contra
     """
     bright, dark, _ = bright_and_dark(a, b)
     edges = _even_edges(bright, dark, int(bins)) if isinstance(bins, int | np.integer) else _given_edges(bins)
-    weights = [weight_up_to(bright, dark, float(1 + decimal_fraction(edge))) for edge in edges]
+    ratios = ((of + number) / of for number, of in map(decimal_ratio, edges))
+    weights = [weight_up_to(bright, dark, ratio) for ratio in ratios]
     return ContrastDistribution(
         edges=edges,
         cumulative=np.array(weights) / (bright.total * dark.total),

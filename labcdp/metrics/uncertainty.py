@@ -11,7 +11,7 @@ from math import ceil, nan, sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..core.errors import InputError
 from ..core.quantity import Z_95, Interval, Number, as_number
@@ -64,13 +64,21 @@ def unbiased_variance(
     with the sums over pixels. It can be too small for a few pixels; as zeta10 and zeta01 are not negative, the result
     is at least U (1 - U) / (m n).
     """
-    m, n = float(dark_counts.sum()), float(bright_counts.sum())
-    if min(m, n) < 2:
-        return nan
-    scatters = scatter(share_per_dark, dark_counts, share) / m, scatter(share_per_bright, bright_counts, share) / n
-    binomial = share * (1 - share)
-    variance = (n * scatters[0] + m * scatters[1] - binomial) / ((m - 1) * (n - 1))
-    return max(variance, binomial / (m * n))
+    scatters = scatter(share_per_dark, dark_counts, share), scatter(share_per_bright, bright_counts, share)
+    return float(variance_of_scatters(share, *scatters, float(dark_counts.sum()), float(bright_counts.sum())))
+
+
+def variance_of_scatters(
+    share: ArrayLike, dark_scatter: ArrayLike, bright_scatter: ArrayLike, n_dark: ArrayLike, n_bright: ArrayLike
+) -> NDArray[np.float64]:
+    """Return `unbiased_variance` of several shares, by the scatters A and B and the numbers of pixels m and n."""
+    u, a, b, m, n = (np.asarray(values, dtype=np.float64) for values in (
+        share, dark_scatter, bright_scatter, n_dark, n_bright
+    ))  # fmt: skip
+    binomial = u * (1 - u)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = (n * (a / m) + m * (b / n) - binomial) / ((m - 1) * (n - 1))
+    return np.where(np.minimum(m, n) < 2, nan, np.maximum(variance, binomial / (m * n)))
 
 
 def confidence_interval(share: Number, variance: Number, smaller_size: Number) -> Interval[Number]:

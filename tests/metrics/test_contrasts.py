@@ -1,7 +1,9 @@
 """Contrasts, ranges of them, and their distribution over all pairs; ratios of signal and noise."""
 
+from decimal import Decimal
 from fractions import Fraction
 from math import inf, log10, nan, sqrt
+from sys import float_info
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.stats import poisson
 
 from labcdp.metrics import (
+    DetectionInterval,
     Distribution,
     cnr,
     contrast_distribution,
@@ -21,6 +24,7 @@ from labcdp.metrics import (
     weber_contrast,
     weber_contrast_of_means,
 )
+from labcdp.metrics.contrast import detected_contrasts, detected_ratios
 
 region = st.lists(st.one_of(st.integers(-2, 8), st.integers(90, 130)), min_size=1, max_size=10)
 edges = st.lists(st.decimals("-1", "5", places=2), min_size=1, max_size=8, unique=True).map(sorted)
@@ -123,3 +127,25 @@ def test_the_standard_error_is_the_scatter_of_repeated_measurements(metric):
 )
 def test_without_scatter_or_light_the_values_say_so(metric, regions, expected):
     assert METRICS[metric](regions[0], regions[-1]).value == pytest.approx(expected, nan_ok=True)
+
+
+@given(
+    st.one_of(st.floats(1e-12, 1e12), st.sampled_from([0.1, 0.2, 5e-324, 1e-300, 1.7e308])),
+    st.floats(0, 1),
+    st.one_of(st.none(), st.floats(0, 5)),
+)
+def test_ends_of_intervals_are_those_of_exact_fractions_of_the_written_decimals(contrast, below, above):
+    assume(below > 0 or above != 0)
+    largest = Fraction(float_info.max) / 2
+    k, low, high = (None if x is None else Fraction(Decimal(repr(x))) for x in (contrast, below, above))
+    ends = k * (1 - low), None if high is None else k * (1 + high)
+    interval = DetectionInterval(below, above)
+
+    def nearest(end):
+        return inf if end is None else float(min(end, largest))
+
+    assert detected_contrasts(contrast, interval) == tuple(map(nearest, ends))
+    assert detected_ratios(contrast, interval) == tuple(nearest(None if end is None else 1 + end) for end in ends)
+    if contrast < 1:
+        ratios = (None if end is None or end >= 1 else (1 + end) / (1 - end) for end in ends)
+        assert detected_ratios(contrast, interval, "michelson") == tuple(map(nearest, ratios))

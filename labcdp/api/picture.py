@@ -242,6 +242,7 @@ class Image:
         *,
         corners: Corners | None = None,
         regions: Regions | None = None,
+        dark_surroundings: Image | None = None,
     ) -> MeasuredChart:
         """Measure a chart: all patches against all, and the dynamic range of the camera.
 
@@ -257,6 +258,8 @@ class Image:
             Corners of the chart in pixels: upper left, upper right, lower right, lower left.
         regions : path, list of Roi, dict, or None
             Regions with the names of its patches, in place of corners; without both the chart is found by its marks.
+        dark_surroundings : Image or None
+            Picture of the chart from the same place with dark surroundings, for the veiling glare by bright ones.
 
         Returns
         -------
@@ -278,8 +281,9 @@ class Image:
         rois = as_patches(loaded, corners, regions, (width, height))
         located = ImageSettings(chart=loaded, rois=rois).located(self.luminance)
         return measure_chart(
-            self.luminance, self.unit, loaded, located.rois, request.values, request.epsilon, CDP_LIMIT
-        )
+            self.luminance, self.unit, loaded, located.rois, request.values, request.epsilon, CDP_LIMIT,
+            None if dark_surroundings is None else dark_surroundings.luminance,
+        )  # fmt: skip
 
     def cdp_neighbours(
         self, contrasts: Contrasts | None = None, epsilon: Tolerance = 0.5, *, rectangle: Rectangle | None = None

@@ -39,6 +39,8 @@ class DynamicRange:
         patch beyond, so that the range is at least this one.
     dips : tuple of float
         Luminances inside the range at which the figure is below the limit, as at the hand-over of an HDR camera.
+    u_scale_rel : float
+        Part of the relative standard uncertainty of both ends that they have in common, which cancels in their ratio.
 
     Examples
     --------
@@ -56,6 +58,7 @@ class DynamicRange:
     low_end: RangeEnd | None = None
     high_end: RangeEnd | None = None
     dips: tuple[float, ...] = ()
+    u_scale_rel: float = 0.0
 
     @property
     def ratio(self) -> float:
@@ -66,7 +69,8 @@ class DynamicRange:
     def u_log(self) -> float:
         """Standard uncertainty of the natural logarithm of the ratio."""
         ends = (self.low_interval, self.high_interval)
-        return hypot(*(log(high / low) / (2 * Z_95) if high > low > 0 else 0.0 for low, high in ends))
+        both = hypot(*(log(high / low) / (2 * Z_95) if high > low > 0 else 0.0 for low, high in ends))
+        return sqrt(max(both**2 - 2 * self.u_scale_rel**2, 0.0))
 
     @property
     def ratio_interval(self) -> Interval:
@@ -104,6 +108,8 @@ def dynamic_range(
     saturated: ArrayLike = False,
     saturation: float | None = None,
     logarithmic: bool = True,
+    u_luminance_rel: ArrayLike = 0.0,
+    u_scale_rel: float = 0.0,
 ) -> DynamicRange:
     """Find the luminances between which a figure of merit reaches a limit, from patches of known luminance.
 
@@ -124,6 +130,11 @@ def dynamic_range(
         between the brightest patch that is not saturated and the next one.
     logarithmic : bool
         Whether the figure is interpolated on a logarithmic scale, as ratios are; False for probabilities.
+    u_luminance_rel : array_like of float, shape (n,) or ()
+        Relative standard uncertainty of each luminance, independent from patch to patch.
+    u_scale_rel : float
+        Relative standard uncertainty that all luminances have in common, as of the white of a chart of densities: it is
+        part of the intervals of both ends, and cancels in their ratio.
 
     Returns
     -------
@@ -140,7 +151,8 @@ def dynamic_range(
     below it, with others beyond that reach it again, is a dip and no end. An end lies where the curve through the
     patches nearest to it crosses the limit: of the logarithm of the figure over that of the luminance, a parabola
     fitted to the four nearest patches, or to up to six within three stops, weighted by the uncertainties; of fewer
-    patches, and of probabilities, the straight line through both patches at the end. Its interval is that of the fit.
+    patches, and of probabilities, the straight line through both patches at the end. Its interval is that of the fit,
+    in which an error of a luminance counts as one of the figure, by the slope of the curve there.
 
     Examples
     --------
@@ -152,7 +164,7 @@ def dynamic_range(
     >>> round(found.low, 2), found.low_end, round(found.high), found.high_end
     (4.24, 'noise', 100, 'chart')
     """
-    sorted_levels, figures, known, full = _sorted(luminance, figure, u, saturated, limit)
+    sorted_levels, figures, known, full, u_rel = _sorted(luminance, figure, u, saturated, limit, u_luminance_rel)
     levels = sorted_levels.tolist()
     usable = np.isfinite(figures) & ~full
     if not usable.any() or not (figures[usable] >= limit).any():
@@ -160,30 +172,45 @@ def dynamic_range(
         return DynamicRange(limit, nan, nan, nowhere, nowhere)
     reached = usable & (figures >= limit)
     first, last = _run(reached, int(np.argmax(np.where(reached, figures, -inf))))
-    curve = _Curve(np.log(sorted_levels), figures, known, usable, limit, logarithmic)
-    low, low_interval, low_end = _at(levels[first], "chart")
+    curve = _Curve(np.log(sorted_levels), figures, known, usable, limit, logarithmic, u_rel)
+    low, low_interval, low_end = _at(levels[first], "chart", u_rel[first])
     if first > 0:
         low, low_interval, low_end = *curve.crossing(first - 1, first), "noise"
-    high, high_interval, high_end = _at(levels[last], "chart")
+    high, high_interval, high_end = _at(levels[last], "chart", u_rel[last])
     if last + 1 < len(levels) and full[last + 1]:
         if saturation is None:
             ends = Interval(levels[last], levels[last + 1])
             high, high_interval, high_end = sqrt(ends.low * ends.high), ends, "saturation"
         else:
-            high, high_interval, high_end = _at(float(saturation), "saturation")
+            high, high_interval, high_end = _at(float(saturation), "saturation", u_rel[last])
     elif last + 1 < len(levels):
         high, high_interval, high_end = *curve.crossing(last + 1, last), "noise"
     dips = tuple(levels[at] for at in range(first + 1, last) if not reached[at])
-    return DynamicRange(limit, low, high, low_interval, high_interval, low_end, high_end, dips)
+    low_interval, high_interval = (_widened(interval, u_scale_rel) for interval in (low_interval, high_interval))
+    return DynamicRange(limit, low, high, low_interval, high_interval, low_end, high_end, dips, u_scale_rel)
 
 
-def _at(luminance: float, end: RangeEnd) -> tuple[float, Interval, RangeEnd]:
-    return luminance, Interval(luminance, luminance), end
+def _at(luminance: float, end: RangeEnd, u_rel: float) -> tuple[float, Interval, RangeEnd]:
+    return luminance, _widened(Interval(luminance, luminance), u_rel), end
+
+
+def _widened(interval: Interval, u_rel: float) -> Interval:
+    """Return the interval of a luminance with a further relative uncertainty."""
+    if not u_rel > 0:
+        return interval
+    low, high = log(interval.low), log(interval.high)
+    middle, half_width = (low + high) / 2, hypot((high - low) / 2, Z_95 * u_rel)
+    return Interval(exp(middle - half_width), exp(middle + half_width))
 
 
 def _sorted(
-    luminance: ArrayLike, figure: ArrayLike, u: ArrayLike, saturated: ArrayLike, limit: float
-) -> tuple[_Array, _Array, _Array, NDArray[np.bool_]]:
+    luminance: ArrayLike,
+    figure: ArrayLike,
+    u: ArrayLike,
+    saturated: ArrayLike,
+    limit: float,
+    u_luminance_rel: ArrayLike,
+) -> tuple[_Array, _Array, _Array, NDArray[np.bool_], _Array]:
     levels = np.asarray(luminance, dtype=np.float64)
     figures = np.asarray(figure, dtype=np.float64)
     if levels.ndim != 1 or levels.shape != figures.shape or levels.size < 2:
@@ -196,9 +223,9 @@ def _sorted(
     if not (isfinite(limit) and limit > 0):
         raise InputError(f"limit is {limit:g}: give a number above 0")
     order = np.argsort(levels, kind="stable")
-    known = np.broadcast_to(np.asarray(u, dtype=np.float64), levels.shape)
+    known, u_rel = (np.broadcast_to(np.asarray(of, dtype=np.float64), levels.shape) for of in (u, u_luminance_rel))
     full = np.broadcast_to(np.asarray(saturated, dtype=np.bool_), levels.shape)
-    return levels[order], figures[order], np.nan_to_num(known[order]), full[order]
+    return levels[order], figures[order], np.nan_to_num(known[order]), full[order], np.nan_to_num(u_rel[order])
 
 
 def _run(reached: NDArray[np.bool_], start: int) -> tuple[int, int]:
@@ -228,10 +255,11 @@ class _Curve:
     usable: NDArray[np.bool_]
     limit: float
     logarithmic: bool
+    u_luminance_rel: _Array
 
     def crossing(self, outside: int, inside: int) -> tuple[float, Interval]:
         """Luminance at which the limit is crossed between two patches next to each other, with its 95 % interval."""
-        x, y, u = self._near(outside, inside)
+        x, y, u, u_rel = self._near(outside, inside)
         target = log(self.limit) if self.logarithmic else self.limit
         if x.size < 2:
             # A patch outside without light, or without a value: the end lies somewhere between both.
@@ -239,10 +267,11 @@ class _Curve:
             return sqrt(ends[0] * ends[1]), Interval(*ends)
         degree = 2 if x.size >= _FEWEST_FOR_CURVE else 1
         middle = float(self.log_levels[[outside, inside]].mean())
-        weights = 1 / np.maximum(u, 1e-9)
         design = np.vander(x - middle, degree + 1)
-        covariance = np.linalg.pinv((design * weights[:, None] ** 2).T @ design)
-        coefficients = covariance @ (design * weights[:, None] ** 2).T @ y
+        coefficients, covariance = _fitted(design, y, u)
+        if u_rel.any():
+            u = np.hypot(u, np.polyval(np.polyder(coefficients), x - middle) * u_rel)
+            coefficients, covariance = _fitted(design, y, u)
         low, high = sorted(self.log_levels[[outside, inside]].tolist())
         log_ratio = _root(coefficients, target, low - middle, high - middle)
         slope = float(np.polyval(np.polyder(coefficients), log_ratio))
@@ -253,7 +282,7 @@ class _Curve:
             exp(middle + log_ratio - Z_95 * u_log_ratio), exp(middle + log_ratio + Z_95 * u_log_ratio)
         )
 
-    def _near(self, outside: int, inside: int) -> tuple[_Array, _Array, _Array]:
+    def _near(self, outside: int, inside: int) -> tuple[_Array, _Array, _Array, _Array]:
         """Up to six patches about a crossing that have a figure, on the scale of interpolation."""
         positive = self.usable & ((self.figures > 0) | (not self.logarithmic))
         middle = self.log_levels[[outside, inside]].mean()
@@ -267,7 +296,14 @@ class _Curve:
         y, u = self.figures[chosen], self.u[chosen]
         if self.logarithmic:
             u, y = u / y, np.log(y)
-        return self.log_levels[chosen], y, u
+        return self.log_levels[chosen], y, u, self.u_luminance_rel[chosen]
+
+
+def _fitted(design: _Array, y: _Array, u: _Array) -> tuple[_Array, _Array]:
+    """Coefficients of a weighted fit by least squares, and their covariance."""
+    weights = np.square(1 / np.maximum(u, 1e-9))[:, None]
+    covariance: _Array = np.linalg.pinv((design * weights).T @ design).astype(np.float64)
+    return covariance @ (design * weights).T @ y, covariance
 
 
 def _root(coefficients: _Array, target: float, low: float, high: float) -> float:

@@ -142,6 +142,11 @@ class Chart:
         return "relative" if self.quantity != "luminance_cd_m2" and self.white_cd_m2 is None else "cd/m²"
 
     @property
+    def u_white_rel(self) -> float:
+        """Relative standard uncertainty that all `luminances` have in common; 0 for luminances that are stated."""
+        return 0.0 if self.quantity == "luminance_cd_m2" or self.white_cd_m2 is None else self.white_cd_m2.u_rel
+
+    @property
     def is_stated(self) -> bool:
         """Whether all patches but black ones have a value."""
         return all(patch.value is not None for patch in self.patches if not patch.black)

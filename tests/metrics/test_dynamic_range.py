@@ -55,6 +55,38 @@ def test_intervals_hold_in_simulated_charts():
         assert abs(count / repeats - 0.95) < tolerance, (limit, count)
 
 
+def test_intervals_hold_where_the_stated_luminances_are_uncertain():
+    """Each has an error of 4 %, and all have one of 6 % in common, which cancels in the ratio."""
+    rng, true, repeats, limit = np.random.default_rng(8), np.geomspace(0.02, 3000, 24), 300, 4
+    full = true >= FULL_E / E_PER_CD_M2
+    snr, held = snr_of(true), np.zeros(3)
+    stops = np.log2(FULL_E / E_PER_CD_M2 / low_end(limit))
+    for _ in range(repeats):
+        stated = true * np.exp(rng.normal(0, 0.04, true.size) + rng.normal(0, 0.06))
+        # Beyond the brightest patch that is not saturated, light and mean rise in proportion.
+        saturation = stated[~full][-1] * FULL_E / E_PER_CD_M2 / true[~full][-1]
+        found = dynamic_range(
+            stated, snr, limit, saturated=full, saturation=saturation, u_luminance_rel=0.04, u_scale_rel=0.06
+        )
+        held += (
+            found.low_interval.low <= low_end(limit) <= found.low_interval.high,
+            found.high_interval.low <= FULL_E / E_PER_CD_M2 <= found.high_interval.high,
+            abs(found.stops - stops) <= 1.96 * found.u_stops,
+        )
+    # 95 % within 3.5 standard deviations of the binomial distribution.
+    assert (np.abs(held / repeats - 0.95) < 3.5 * np.sqrt(0.95 * 0.05 / repeats)).all(), held / repeats
+
+
+def test_what_the_luminances_have_in_common_is_no_part_of_their_ratio():
+    luminance = np.geomspace(0.1, 100, 20)
+    plain, scaled = (dynamic_range(luminance, snr_of(luminance), 2, 0.1, u_scale_rel=u) for u in (0.0, 0.03))
+    assert scaled.u_stops == pytest.approx(plain.u_stops, rel=1e-9)
+    low, high = np.log(scaled.low_interval)
+    known = np.diff(np.log(plain.low_interval))[0] / 2
+    assert (high - low) / 2 == pytest.approx(np.hypot(known, 1.96 * 0.03), rel=1e-4)
+    assert scaled.high_interval.high == pytest.approx(100 * np.exp(1.96 * 0.03), rel=1e-4)
+
+
 def test_a_chart_that_ends_first_gives_a_bound():
     found = dynamic_range([1, 2, 4, 8], [10, 14, 20, 28], 2)
     assert (found.low, found.high, found.bound) == (1, 8, ">")

@@ -59,6 +59,7 @@ def image(
     files: tuple[Path, ...],
     *,
     rectangle: Annotated[tuple[int, int, int, int] | None, As(parse=_rectangle)] = None,
+    dark_surroundings: Path | None = None,
     colours: bool = False,
     pages: bool = True,
     surface: bool = False,
@@ -77,6 +78,9 @@ def image(
         Image files (PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dumps), or folders of them.
     rectangle : X0,Y0,X1,Y1
         Compute the nearest-neighbour CDP inside a rectangle, given by two corner pixels.
+    dark_surroundings
+        Picture of the chart from the same place, with the same settings and dark surroundings: the veiling glare by
+        bright ones follows from both, and the dynamic range without it.
     colours
         Also tell how well the colours of the regions of each pair can be told apart: distance, colour separation
         probability (CSP), and the share of pairs of pixels that keep the difference of colour.
@@ -88,7 +92,10 @@ def image(
     if surface and not pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
     require_kind(files, no_picture)
-    settings, paths = _settings(pairs, charts, light, rectangle, colours), each_once(picture_paths(files))
+    settings, paths = (
+        _settings(pairs, charts, light, rectangle, dark_surroundings, colours),
+        each_once(picture_paths(files)),
+    )
     with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
         pictures, result = _evaluated(paths, settings, pages, surface, folder)
         failed = [picture for picture in pictures if picture.source is None]
@@ -130,17 +137,20 @@ def _settings(
     charts: ChartOptions,
     light: PictureLightOptions,
     rectangle: tuple[int, int, int, int] | None,
+    dark_surroundings: Path | None,
     colours: bool,
 ) -> ImageSettings:
     if rectangle is not None:
         chosen = replace(chosen, neighbours=True)
-    require_together({"--corners": charts.corners}, {"--chart": charts.chart})
+    of_chart = {"--corners": charts.corners, "--dark-surroundings": dark_surroundings}
+    require_together(of_chart, {"--chart": charts.chart})
     chart = None
     if charts.chart is None:
         rois, image_size, files = read_regions(chosen)
     else:
         chart, rois, image_size, files = read_chart(charts, chosen)
     names = [roi.name for roi in rois] if chart is None else chart.names
+    files += [] if dark_surroundings is None else [InputFile.of("dark surroundings", dark_surroundings)]
     files += [] if chosen.require is None else [InputFile.of("requirement", chosen.require)]
     return ImageSettings(
         **chosen.targets(),
@@ -149,6 +159,7 @@ def _settings(
         neighbours=chosen.neighbours,
         rectangle=rectangle,
         chart=chart,
+        dark_surroundings=dark_surroundings,
         colours=colours,
         converter=light.converter(),
         image_size=image_size,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from ...core.luminance import LuminanceMap
 from ...core.result import Finding, info, unique, warning
+from ...files.read import read_picture
 from ...metrics.pair import VIGNETTING_CODE, Pair, evaluate_pair
 from ...metrics.region import RegionLight, evaluate_region
 from .converter import PictureSource
@@ -117,7 +118,10 @@ def measure_picture(luminance: LuminanceMap, source: PictureSource, settings: Im
     if settings.chart is not None:
         from ..chart.measure import measure_chart
 
-        chart = measure_chart(luminance, source.unit, settings.chart, settings.rois, *targets, settings.cdp_limit)
+        dark = settings.dark_surroundings
+        other = None if dark is None else settings.converter.luminance(read_picture(dark, settings.converter.options))
+        where = settings.chart, settings.rois
+        chart = measure_chart(luminance, source.unit, *where, *targets, settings.cdp_limit, other)
         findings += chart.findings
         # The file need not state from which DN on pixels are saturated: the chart shows it.
         full = {region.roi.name for region, clipped in zip(chart.regions, chart.saturated, strict=True) if clipped}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import combinations
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ...core.errors import InputError
@@ -49,6 +50,8 @@ class ImageSettings:
     chart : Chart or None
         Chart whose patches the regions are; without regions they are found by its marks in each picture. All its
         patches are compared with all, and pairs are by default those next to each other in stated luminance.
+    dark_surroundings : Path or None
+        Picture of the chart from the same place with dark surroundings, for the veiling glare by the surroundings.
     colours : bool
         Whether the colours of the pairs are to be separated.
     converter : Converter
@@ -81,6 +84,7 @@ class ImageSettings:
     cdp_limit: float = CDP_LIMIT
     requirement: Requirement | None = None
     chart: Chart | None = None
+    dark_surroundings: Path | None = None
     colours: bool = False
     converter: Converter = RELATIVE
     image_size: tuple[int, int] | None = None

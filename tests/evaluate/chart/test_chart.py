@@ -120,6 +120,55 @@ def test_glare_seen_of_a_black_patch_is_taken_off(labcdp, tmp_path, chart_path):
     assert ranges["SNR", 4]["low"] < 0.7 * true
 
 
+def test_glare_of_the_surroundings_follows_from_a_picture_with_dark_ones(labcdp, tmp_path, chart_path):
+    glare_e = 80.0
+    make_picture(tmp_path / "chart.tif", glare_e=glare_e)
+    make_picture(tmp_path / "dark.tif", seed=4)
+    options = ("--chart", chart_path, "--corners", corners_text(CORNERS), "--no-pages")
+    result = evaluate(labcdp, tmp_path, *options, "--dark-surroundings", tmp_path / "dark.tif")
+    (glare,) = (finding["values"] for finding in result["findings"] if finding["code"] == "chart-glare-of-surroundings")
+    # 4 standard uncertainties of the fit; the scale of the chart is that of its brightest patches.
+    assert abs(glare["glare"] - glare_e / WHITE_E) < 4 * glare["U"] / 1.96 + 0.01 * glare_e / WHITE_E
+    assert glare["U"] < 0.05 * glare["glare"]
+    ranges = {(row["figure"], row["limit"]): row for row in result["tables"]["dynamic_range"]["rows"]}
+    true = low_end(4, READ_E**2 + 1 / 12 / K_DN_PER_E**2 + glare_e)
+    assert abs(np.log2(ranges["SNR without glare", 4]["low"] / true)) < 0.06
+    assert ranges["SNR", 4]["low"] < 0.7 * true
+    assert "dark surroundings" in {file["role"] for file in result["inputs"]}
+    images = [
+        package.read_image(tmp_path / name, bit_depth=12, black_level_dn=BLACK_DN, no_vignetting=True)
+        for name in ("chart.tif", "dark.tif")
+    ]
+    measured = images[0].chart(chart_path, corners=CORNERS, dark_surroundings=images[1])
+    assert measured.glare.value == glare["glare"]
+    refused = labcdp("image", "chart.tif", "--roi", "none.json", "--dark-surroundings", "dark.tif")
+    assert "--dark-surroundings requires --chart" in refused.stderr
+    cv2.imwrite(str(tmp_path / "small.tif"), np.zeros((40, 40), np.uint16))
+    small = package.read_image(tmp_path / "small.tif", bit_depth=12, black_level_dn=BLACK_DN)
+    with pytest.raises(InputError, match="the picture with dark surroundings has 40 x 40 pixels"):
+        images[0].chart(chart_path, corners=CORNERS, dark_surroundings=small)
+
+
+def test_u_of_white_is_part_of_both_ends_and_not_of_their_ratio(tmp_path, chart_path):
+    make_picture(tmp_path / "chart.tif")
+    image = package.read_image(tmp_path / "chart.tif", bit_depth=12, black_level_dn=BLACK_DN, no_vignetting=True)
+    text = chart_path.read_text()
+    ranges = []
+    for u in ("0.0", "98.0"):
+        stated = text.replace(
+            'quantity = "density"\n', f'quantity = "density"\nwhite_cd_m2 = 1000.0\nU_white_cd_m2 = {u}\n'
+        )
+        chart_path.write_text(stated)
+        ranges.append(image.chart(chart_path, corners=CORNERS).ranges[2].range)
+    known, white = ranges
+    assert white.u_stops == pytest.approx(known.u_stops, rel=1e-9)
+    half_widths = [np.diff(np.log(item.low_interval))[0] / 2 for item in ranges]
+    assert half_widths[1] == pytest.approx(np.hypot(half_widths[0], 0.098), rel=1e-3)
+    chart_path.write_text(text.replace("U = 0.0", "U = 0.1").replace("U = 0.02", "U = 0.1"))
+    uncertain = image.chart(chart_path, corners=CORNERS).ranges[2].range
+    assert uncertain.u_stops > known.u_stops
+
+
 def test_a_chart_is_found_by_its_marks_in_perspective(labcdp, tmp_path, chart_path):
     marks = "".join(
         f"\n[[marks]]\nnumber = {number}\nx = {x / SIDE}\ny = {y / SIDE}\nside = {36 / SIDE}\n"

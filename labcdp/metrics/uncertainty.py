@@ -11,7 +11,7 @@ from math import ceil, nan, sqrt
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.quantity import Z_95, Interval, Number, as_number
@@ -19,6 +19,7 @@ from .contrast import ContrastDefinition, Epsilon, checked_contrast, detected_ra
 from .distribution import Distribution, Region, weighted_sum
 from .pixel_pairs import bright_and_dark, count_pairs
 
+_Array = NDArray[np.float64]
 #: Prior weight of one outlying pixel in `confidence_interval`, chosen by simulation of normal regions of 10 to 400
 #: pixels and CDP 0.25 to 0.99997: from 30 pixels on the 95 % intervals cover the truth in 93 to 100 % of the cases.
 _OUTLIER_WEIGHT = 0.1
@@ -64,21 +65,24 @@ def unbiased_variance(
     with the sums over pixels. It can be too small for a few pixels; as zeta10 and zeta01 are not negative, the result
     is at least U (1 - U) / (m n).
     """
+    m, n = float(dark_counts.sum()), float(bright_counts.sum())
+    if min(m, n) < 2:
+        return nan
     scatters = scatter(share_per_dark, dark_counts, share), scatter(share_per_bright, bright_counts, share)
-    return float(variance_of_scatters(share, *scatters, float(dark_counts.sum()), float(bright_counts.sum())))
+    return max(*_estimates(share, *scatters, m, n))
 
 
-def variance_of_scatters(
-    share: ArrayLike, dark_scatter: ArrayLike, bright_scatter: ArrayLike, n_dark: ArrayLike, n_bright: ArrayLike
-) -> NDArray[np.float64]:
-    """Return `unbiased_variance` of several shares, by the scatters A and B and the numbers of pixels m and n."""
-    u, a, b, m, n = (np.asarray(values, dtype=np.float64) for values in (
-        share, dark_scatter, bright_scatter, n_dark, n_bright
-    ))  # fmt: skip
+def _estimates(u: Number, a: Number, b: Number, m: Number, n: Number) -> tuple[Number, Number]:
+    """Return the unbiased estimate and the least one of a variance."""
     binomial = u * (1 - u)
+    return (n * (a / m) + m * (b / n) - binomial) / ((m - 1) * (n - 1)), binomial / (m * n)
+
+
+def variance_of_scatters(share: _Array, dark_scatter: _Array, bright_scatter: _Array, m: _Array, n: _Array) -> _Array:
+    """Return `unbiased_variance` of several shares, by the scatters A and B and the numbers of pixels m and n."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = (n * (a / m) + m * (b / n) - binomial) / ((m - 1) * (n - 1))
-    return np.where(np.minimum(m, n) < 2, nan, np.maximum(variance, binomial / (m * n)))
+        variance, least = _estimates(share, dark_scatter, bright_scatter, m, n)
+    return np.where(np.minimum(m, n) < 2, nan, np.maximum(variance, least))
 
 
 def confidence_interval(share: Number, variance: Number, smaller_size: Number) -> Interval[Number]:

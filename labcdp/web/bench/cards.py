@@ -130,6 +130,23 @@ def flicker_card(bench: LiveBench) -> str:
     )
 
 
+def matrix_card(bench: LiveBench) -> str:
+    """Write the card of all regions against all; empty where they are few."""
+    matrix = bench.matrix
+    if matrix is None:
+        return ""
+    known = matrix.cdp[np.triu_indices(len(matrix.names), 1)]
+    known = known[np.isfinite(known)]
+    if not known.size:
+        return _card("All regions", "saturated", "bad", "shorten the exposure")
+    n_detected = int((known >= LIMIT).sum())
+    lines = [f"of {known.size} pairs of {len(matrix.names)} regions have CDP ≥ {LIMIT:g}"]
+    if matrix.weakest is not None:
+        pair, cdp = matrix.weakest
+        lines.append(f"lowest of neighbours in brightness: {cdp:.3f}, {pair}")
+    return _card("All regions", f"{n_detected}", "good" if n_detected == known.size else "open", *lines)
+
+
 def planned_table(bench: LiveBench) -> str:
     """Write the pairs of the plan at a glance; a click chooses one."""
     chosen = set(bench.workspace.drawing.pair)

@@ -29,6 +29,7 @@ from .desk import BenchOfPage, MeterDesk, name_of
 from .flicker import FlickerTrace
 from .images import LiveImages, fit_exposure
 from .live_camera import LiveCamera
+from .matrix import FEWEST_REGIONS, LiveMatrix, live_matrix
 from .pair import LiveMeasurements, PairPoint, PlannedPair, Target, Trace, cdp_curve, pair_points, snapshots_of
 from .recording import PageOperator, Recording, with_regions
 
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
 
 #: Seconds between two curves of the CDP.
 _CURVE_S = 2.0
+#: Seconds between the beginnings of two matrices of all regions.
+_MATRIX_S = 0.25
 #: Seconds between two evaluations of flicker.
 _FLICKER_S = 3.0
 #: Longest wait for a recording that was stopped.
@@ -107,6 +110,9 @@ class LiveBench:
         self._flicker_s = 0.0
         if flicker:
             camera.watchers.append(self.flicker_trace.add)
+        #: All regions against all, where they are many; None of few.
+        self.matrix: LiveMatrix | None = None
+        self._matrix_s, self._matrix_begun = 0.0, False
         #: Work in progress.
         self.busy = ""
         #: The one page that may change anything, and its name, which a tab of a browser keeps while it reloads.
@@ -361,6 +367,19 @@ class LiveBench:
         self._flicker_s = monotonic()
         self._server.elsewhere(self.flicker_trace.measured(), partial(setattr, self, "flicker"), lambda: None)
 
+    def _follow_matrix(self) -> None:
+        """Compute the matrix of all regions of the newest image, four times a second if the computer is fast enough."""
+        rois = self.workspace.drawing.rois
+        if len(rois) < FEWEST_REGIONS:
+            self.matrix = None
+            return
+        if self._matrix_begun or monotonic() - self._matrix_s < _MATRIX_S:
+            return
+        self._matrix_s, self._matrix_begun = monotonic(), True
+        steps = live_matrix(self.workspace.image, rois, self.target)
+        done = partial(setattr, self, "_matrix_begun", False)
+        self._server.elsewhere(steps, partial(setattr, self, "matrix"), done)
+
     def _work(self, what: str, steps: Iterator[str]) -> None:
         self.busy = what
 
@@ -381,6 +400,7 @@ class LiveBench:
         """Add the newest result of the pair to the trace, and now and then compute its curve."""
         self._note_settings()
         self._follow_flicker()
+        self._follow_matrix()
         measured = self.workspace.measured
         if measured is self._measured:
             return

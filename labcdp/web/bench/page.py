@@ -24,6 +24,7 @@ from .cards import (
     contrast_card,
     contrast_table,
     flicker_card,
+    matrix_card,
     meter_card,
     pair_card,
     planned_table,
@@ -33,6 +34,7 @@ from .cards import (
 )
 from .live import LiveState
 from .live_bench import LiveBench
+from .matrix import MatrixPlot
 from .pair import Target
 from .tabs import CameraTab, RecordTab
 
@@ -89,7 +91,7 @@ class BenchPage:
         # Of one height whatever its numbers, which may need a second line.
         self._pairs.height, self._pairs.visible = _PAIRS_PX[min(len(bench.planned), 4)], bool(bench.planned)
         self._record, self._camera = RecordTab(bench, page), CameraTab(bench.camera, page)
-        self._plots = Plots(bench)
+        self._plots, self._matrix = Plots(bench), MatrixPlot()
         self._control = pn.widgets.Button(name="Take control", button_type="primary", margin=(3, 8))
         self._control.on_click(lambda _event: self._take_control())
         field = page.field
@@ -121,6 +123,9 @@ class BenchPage:
     def tab(self) -> tuple[Any, CustomJS]:
         """Return the layout of the tab, and the script that starts with it."""
         plots = [pn.pane.Bokeh(figure, sizing_mode="stretch_width", margin=(4, 8)) for figure in self._plots.figures]
+        self._matrix_pane = pn.pane.Bokeh(
+            self._matrix.figure, sizing_mode="stretch_width", margin=(4, 8), visible=False
+        )
         button = self._page.button
         live = column(
             self._pairs,
@@ -138,6 +143,7 @@ class BenchPage:
             self._table,
             plots[1],
             plots[2],
+            self._matrix_pane,
             # What comes and goes is below all that is pressed.
             self._cdp,
             self._note,
@@ -159,7 +165,8 @@ class BenchPage:
     def update(self) -> None:
         """Refresh the tab."""
         bench = self.bench
-        cards = (camera_card(bench), pair_card(bench), contrast_card(bench), flicker_card(bench), meter_card(bench))
+        makers = (camera_card, pair_card, contrast_card, flicker_card, matrix_card, meter_card)
+        cards = (make(bench) for make in makers)
         with self._page.quietly():
             self._pause.value = bench.images.paused
         self._strip.object = f"<div class='strip'>{''.join(cards)}</div>"
@@ -173,6 +180,8 @@ class BenchPage:
         self._show_pair()
         self._show_control()
         self._follow_bits()
+        self._matrix_pane.visible = bench.matrix is not None
+        self._matrix.update(bench.matrix)
         if self._plots.update(bench):
             self._camera.update(bench.camera.live, settings_text(bench.camera.live))
 

@@ -51,8 +51,8 @@ if TYPE_CHECKING:
     from ..regions.chart import Corners
 
 
-class StatedOfVideo(TypedDict, total=False):
-    """Statements of the user about frames, which take precedence over those of their file."""
+class StatedOfFrames(TypedDict, total=False):
+    """Statements of the user about pictures or frames, which take precedence over those of their file."""
 
     exposure_s: float | None
     gain_db: float | None
@@ -65,7 +65,13 @@ class StatedOfVideo(TypedDict, total=False):
     no_vignetting: bool | None
 
 
-class Stated(StatedOfVideo, total=False):
+class StatedOfVideo(StatedOfFrames, total=False):
+    """Statements of the user about a video."""
+
+    frame_rate_hz: float | None
+
+
+class Stated(StatedOfFrames, total=False):
     """Statements of the user about a picture."""
 
     pixel_format: str | None

@@ -63,6 +63,8 @@ def open_video(
     calibration, camera_spec, encoding, exposure_s, gain_db, temperature_c, bit_depth, black_level_dn, bayer, \
 focal_length_m, pixel_pitch_m, no_vignetting
         As for `labcdp.read_image`.
+    frame_rate_hz
+        Frames a second of images, which state no times.
 
     Returns
     -------

@@ -23,6 +23,9 @@ from .statements import FileStatements
 from .stored_image import MAX_PIXELS, MOST_BITS
 from .transfer import Encoding, encoding_name
 
+#: Frame rates are below this.
+_MOST_HZ = 1e7
+
 
 @dataclass(frozen=True, eq=False)
 class PictureFile:
@@ -183,6 +186,8 @@ class PictureOptions:
         Relative standard uncertainty of the vignetting by these, in the corners of an image.
     no_vignetting : bool
         Whether pictures are without vignetting, such as simulated and corrected ones.
+    frame_rate_hz : float or None
+        Images a second of videos that are images and state no times; None for not known.
     overrides : frozenset of str
         Names of the options that the user gave explicitly: these count before what a file says, with a finding where
         it says otherwise or the option cannot count. The others count where the file does not say.
@@ -219,6 +224,7 @@ class PictureOptions:
     pixel_pitch_m: float | None = None
     vignetting_rel: float = VIGNETTING_REL
     no_vignetting: bool = False
+    frame_rate_hz: float | None = None
     overrides: frozenset[str] = frozenset()
     max_pixels: int = MAX_PIXELS
     damaged: bool = False
@@ -244,6 +250,9 @@ class PictureOptions:
         for what, value, least, most in lens:
             if value is not None and not least <= value <= most:
                 raise InputError(f"the {what} is {value:g} m: give {least:g} to {most:g} m")
+        rate_hz = self.frame_rate_hz
+        if rate_hz is not None and not 0 < rate_hz < _MOST_HZ:
+            raise InputError(f"the frame rate is {rate_hz:g} Hz: give a number above 0, for example 30")
         if self.max_pixels < 1:
             raise InputError(f"the limit is {self.max_pixels} pixels: give at least 1")
 
@@ -257,6 +266,7 @@ class PictureOptions:
             "black_level_dn",
             "focal_length_m",
             "pixel_pitch_m",
+            "frame_rate_hz",
         )
         for name in numbers:
             value = values.get(name)

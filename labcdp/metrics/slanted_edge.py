@@ -22,6 +22,8 @@ Direction: TypeAlias = Literal["horizontal", "vertical"]
 _Array = NDArray[np.float64]
 #: Least response of the pixels, that at 0.75 cycles/pixel, and least modulation from which the MTF of a lens is taken.
 _LEAST_PIXEL, _LEAST_MODULATION = 0.3, 0.05
+#: Most modulation that a chain takes, of a camera that sharpens.
+_MOST_MODULATION = 4.0
 #: Beyond: most points, and modulation that is left out. Error of linear interpolation between all points.
 _MOST_FURTHER, _NO_MODULATION, _INTERPOLATED = 800, 0.003, 0.001
 
@@ -183,12 +185,12 @@ def sfr(
     )  # fmt: skip
 
 
-def mean_sfr(edges: Sequence[EdgeSfr]) -> Sfr:
+def mean_sfr(edges: Sequence[Sfr]) -> Sfr:
     """Average the responses at several edges.
 
     Parameters
     ----------
-    edges : sequence of EdgeSfr
+    edges : sequence of Sfr
         At least one, all of images with one colour filter or none.
 
     Returns
@@ -255,8 +257,7 @@ def lens_mtf(edges: Sequence[EdgeSfr], pixel_pitch_m: float) -> tuple[tuple[floa
     -----
     The mean over the edges of response over that of the pixels, up to where noise or the pixels' own response leave too
     little of it: where that is below 0.3, at 0.75 cycles/pixel, or the MTF below 0.05 or three times its noise.
-    Beyond it continues as the Gaussian through its last point. What sharpening adds is no lens: modulations above 1
-    are 1.
+    Beyond it continues as the Gaussian through its last point. Of a camera that sharpens it is above 1, up to 4.
 
     Examples
     --------
@@ -277,7 +278,7 @@ def lens_mtf(edges: Sequence[EdgeSfr], pixel_pitch_m: float) -> tuple[tuple[floa
     u = noise / np.maximum(pixels, _LEAST_PIXEL / 2)
     weak = (modulation < np.maximum(_LEAST_MODULATION, 3 * u)) | (pixels < _LEAST_PIXEL)
     last = max(int(np.argmax(weak)) - 1, 1)
-    modulation = np.minimum(modulation, 1.0)
+    modulation = np.minimum(modulation, _MOST_MODULATION)
     fall = log(1 / min(modulation[last], 0.999)) / frequency[last] ** 2
     further = frequency[last] + frequency[1] * np.arange(1, _MOST_FURTHER)
     further = further[np.exp(-fall * further**2) > _NO_MODULATION]

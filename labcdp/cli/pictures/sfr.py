@@ -1,4 +1,4 @@
-"""Command `labcdp sfr`: sharpness of a camera by the slanted edges in a picture."""
+"""Command `labcdp sfr`: sharpness of a camera by the slanted edges in pictures."""
 
 from __future__ import annotations
 
@@ -8,15 +8,16 @@ import typer
 
 from ...core.errors import InputError
 from ...evaluate.sharpness.result import SharpnessSettings, evaluate_sharpness
+from ...files.read import picture_paths
 from ...regions import read_region_file, rois_of
 from ..options import Results
-from .options import PictureLightOptions
+from .options import PictureLightOptions, each_once
 
 
 def sfr(
     light: PictureLightOptions,
     results: Results,
-    file: Path,
+    files: tuple[Path, ...],
     *,
     roi: Path | None = None,
     chain: str | None = None,
@@ -24,15 +25,16 @@ def sfr(
     """Measure the sharpness (SFR) of a camera: MTF50, MTF10 and overshoot at slanted edges over the field.
 
     Each region holds one straight edge between a dark and a bright area, slanted by about 5° against the rows or
-    columns of pixels. Values are taken as light: gamma and companding are undone as for labcdp image. Writes a page, a
-    spreadsheet, NetCDF and JSON.
+    columns of pixels. Several pictures have the same edges at the same places. Values are taken as light: gamma and
+    companding are undone as for labcdp image. Writes a page, a spreadsheet, NetCDF and JSON.
 
     Example: labcdp sfr edges.tif --roi edges.json --chain manta-g505
 
     Parameters
     ----------
-    file : FILE
-        Image: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump, or a luminance map written by labcdp.
+    files : FILE...
+        Images: PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dump, or a luminance map written by labcdp; or a folder
+        of images.
     roi
         Region file with a region about each edge: .json from labcdp rois, or .roi or .zip from ImageJ.
     chain
@@ -47,9 +49,10 @@ def sfr(
 
         loaded = Chain.load(chain)
     settings = SharpnessSettings(rois_of(shapes), light.converter(), loaded, image_size, tuple(inputs))
-    with results.folder(file) as folder:
-        result, files = evaluate_sharpness(settings, file)
-        folder.add(files)
+    paths = each_once(picture_paths(files))
+    with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
+        result, written = evaluate_sharpness(settings, paths)
+        folder.add(written)
     results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
     if any(finding.severity == "error" for finding in result.findings):
         raise typer.Exit(1)

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.clock import exposure_text
-from ...core.errors import InputError
 from ...core.quantity import Quantity
 from ...core.result import Finding, info, warning
 from ...metrics.modulation import FEWEST_PHASES, Flicker, flicker
 from ...metrics.region import SATURATED_SHARE
+from .settings import off_frames_error
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -85,9 +85,7 @@ def measure_flicker(dataset: Dataset, settings: Mapping[str, Any]) -> list[Regio
         first, stop = settings["off_frames"]
         off_frames = (numbers >= first) & (numbers < stop)
         if not off_frames.any() or off_frames.all():
-            raise InputError(
-                f"off_frames is {first}:{stop}, but the frames are {numbers[0]} to {numbers[-1]}: give some of them"
-            )
+            raise off_frames_error(first, stop, int(numbers[0]), int(numbers[-1]))
     return [
         _region(dataset.isel(region=index), off_frames, times, settings) for index in range(dataset.sizes["region"])
     ]

@@ -16,6 +16,7 @@ from ...core.disk.journal import Row
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, warning
 from ...core.table import Column, attributes_of, values_of
+from ...files.video.source import VideoSource
 from ...metrics.region import SATURATED_SHARE
 from ...output import Destination, results_journal
 from ...tracking import TrackedRoi
@@ -35,7 +36,7 @@ from ..video.evaluate import JOURNAL, converter_findings, opened_for, require_re
 from ..video.findings import video_findings
 from ..video.run import PartRun, TrackedFrame, VideoRun, region_mean
 from ..video.settings import Progress, evaluation_head
-from .settings import FlickerSettings
+from .settings import FlickerSettings, off_frames_error
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -116,9 +117,9 @@ def record_regions(
     require_regions_in(source, settings)
     if settings.frequency_hz is not None and any(finding.code == "image-sequence" for finding in source.findings):
         raise InputError(
-            f"{source.path}: the images state no times, which the frequency of the lamp needs: leave it out, "
-            "or make a video of them with its frame rate"
+            f"{source.path}: the images state no times, which the frequency of the lamp needs: give the frame rate, too"
         )
+    _require_off_frames(source, settings)
     head = {"video": source.sha256, "flicker": True, **evaluation_head(settings, None)}
     with results_journal(folder, "video", JOURNAL, head, "evaluation") as journal:
         part = RegionRun(settings, converter, None, journal, None)
@@ -147,6 +148,19 @@ def record_regions(
         "configuration": as_json({**head["settings"], **_flicker_settings(settings)}),
     }
     return _dataset(columns, [roi.name for roi in settings.rois], converter.unit, attributes)
+
+
+def _require_off_frames(source: VideoSource, settings: FlickerSettings) -> None:
+    """Refuse frames with the lamp off that are none of those evaluated, or all, before the first one."""
+    if settings.off_frames is None or source.is_estimate:
+        return
+    chosen = settings.selection
+    stop_before = None if chosen.stop is None else chosen.stop.frames
+    ends = [end for end in (source.frame_count, stop_before) if end is not None]
+    begin, end = chosen.start.frames or 0, min(ends, default=None)
+    first, stop = settings.off_frames
+    if end is not None and (first >= end or stop <= begin or (first <= begin and stop >= end)):
+        raise off_frames_error(first, stop, begin, end - 1)
 
 
 def _flicker_settings(settings: FlickerSettings) -> dict[str, Any]:

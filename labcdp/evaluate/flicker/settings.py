@@ -58,3 +58,10 @@ class FlickerSettings(VideoSettings):
     def _check_number(self) -> None:
         if not self.rois:
             raise InputError("no regions: give those whose flicker is evaluated")
+
+
+def off_frames_error(first: int, stop: int, first_frame: int, last_frame: int) -> InputError:
+    """Return the error of frames with the lamp off that are none of a video's, or all."""
+    return InputError(
+        f"off_frames is {first}:{stop}, but the frames are {first_frame} to {last_frame}: give some of them"
+    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,39 +16,49 @@ from .measure import FieldEdge, MeasuredSharpness
 
 #: Edges that are named in a figure, and length at which their names are cut; more have the colour of their direction.
 _MOST_NAMED, _LONGEST_NAME = 8, 24
+#: Pictures that are drawn.
+_MOST_PICTURES = 6
 #: How dark parts of the picture are brightened, and share of its pixels that may be brighter than its white.
 _GAMMA, _WHITE_SHARE = 0.45, 0.001
 #: Markers by direction.
 _MARKERS = {"horizontal": ("o", drawing.BLUE), "vertical": ("^", drawing.VERMILLION)}
 
 
-def sharpness_figures(measured: MeasuredSharpness, luminance: LuminanceMap, title: str) -> Iterator[ReportFigure]:
-    """Draw the picture with its edges, the responses, the profiles and, of several edges, MTF50 over the field."""
-    yield _picture(measured, luminance, title)
+def picture_figures(
+    measured: MeasuredSharpness, pictures: Sequence[tuple[str, str, LuminanceMap]]
+) -> Iterator[ReportFigure]:
+    """Draw the first pictures with their edges; each has its name among the edges, its title and its light."""
+    for number, (name, title, luminance) in enumerate(pictures[:_MOST_PICTURES], start=1):
+        edges = [edge for edge in measured.edges if edge.picture == name]
+        yield _picture(edges, luminance, title, "picture" if number == 1 else f"picture-{number}")
+
+
+def sharpness_figures(measured: MeasuredSharpness) -> Iterator[ReportFigure]:
+    """Draw the responses, the profiles and, of several edges, MTF50 over the field."""
     yield _responses(measured)
     yield _profiles(measured)
     if len(measured.edges) > 1:
         yield _field(measured)
 
 
-def _picture(measured: MeasuredSharpness, luminance: LuminanceMap, title: str) -> ReportFigure:
+def _picture(edges: Sequence[FieldEdge], luminance: LuminanceMap, title: str, name: str) -> ReportFigure:
     from matplotlib.colors import PowerNorm
 
     drawn, _ = drawn_pixels(luminance)
     finite = drawn[np.isfinite(drawn)]
     white = max(float(np.quantile(finite, 1 - _WHITE_SHARE)), 1e-300)
-    regions = [edge.roi for edge in measured.edges]
+    regions = [edge.roi for edge in edges]
     figure = image_figure(luminance, shortened(title, 60), False, regions)
     norm = PowerNorm(_GAMMA, 0, white)
     extent = image_extent(luminance)
     shown = figure.axes[0].imshow(np.clip(drawn, 0, white), cmap="gray", norm=norm, extent=extent)
     add_scale(figure, shown, "luminance", extend="max")
     draw_regions(figure, luminance, regions)
-    for edge in measured.edges:
+    for edge in edges:
         figure.axes[0].plot(*edge.sfr.line_px.T, color=_MARKERS[edge.sfr.direction][1], linewidth=1.6)
     figure.axes[0].set(xlim=extent[:2], ylim=extent[2:])
     return drawing.reported(
-        "picture", figure, "Regions and the edges found in them: blue those that show the sharpness along the rows, "
+        name, figure, "Regions and the edges found in them: blue those that show the sharpness along the rows, "
         "red those along the columns. Dark parts are brightened.",
     )  # fmt: skip
 
@@ -80,7 +90,7 @@ def _responses(measured: MeasuredSharpness) -> ReportFigure:
 def _name_and_colour(edge: FieldEdge, named: bool) -> tuple[str | None, str | None]:
     """Label and colour of the curve of an edge; None for none, and for the next colour."""
     if named:
-        return shortened(edge.roi.name, _LONGEST_NAME), None
+        return shortened(edge.name, _LONGEST_NAME), None
     return None, _MARKERS[edge.sfr.direction][1]
 
 
@@ -124,7 +134,9 @@ def sharpness_cards(measured: MeasuredSharpness) -> list[Card]:
     for mean in measured.means:
         title = "MTF50" if mean.name == "all" else f"MTF50, {mean.name}"
         quantity, low = mean.sfr.mtf50, mean.sfr.mtf10
-        lines = [f"{mean.n_edges} edge{'s' * (mean.n_edges > 1)}"]
+        n_pictures = len({edge.picture for edge in measured.edges})
+        in_pictures = f" in {n_pictures} pictures" if n_pictures > 1 else ""
+        lines = [f"{mean.n_edges} edge{'s' * (mean.n_edges > 1)}{in_pictures}"]
         if np.isfinite(low.value):
             lines.append(f"MTF10 {with_half_width(low.value, low.U)} cycles/pixel")
         overshoot = mean.sfr.overshoot

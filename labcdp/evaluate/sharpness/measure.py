@@ -35,6 +35,8 @@ class FieldEdge:
         Its distance from the middle of the image, where the axis of the lens is taken to be.
     field : float
         The same over half the diagonal of the image.
+    picture : str
+        Name of the picture, where there are several.
     """
 
     roi: Roi
@@ -43,6 +45,12 @@ class FieldEdge:
     y_px: float
     distance_px: float
     field: float
+    picture: str = ""
+
+    @property
+    def name(self) -> str:
+        """Name of the region, with that of the picture where there are several."""
+        return f"{self.roi.name}, {self.picture}" if self.picture else self.roi.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +74,12 @@ class MeanOfEdges:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredSharpness:
-    """Sharpness of a picture.
+    """Sharpness of a picture, or of several with the same edges.
 
     Parameters
     ----------
     edges : tuple of FieldEdge
-        At least one, in the order of the regions.
+        At least one, in the order of the pictures and of the regions.
     pixel_pitch_m : float or None
         Distance of the pixels on the sensor, where it is known.
     findings : tuple of Finding
@@ -84,13 +92,33 @@ class MeasuredSharpness:
 
     @property
     def means(self) -> tuple[MeanOfEdges, ...]:
-        """Mean of all edges, then of those that show the sharpness in either direction, if there are both."""
-        groups: dict[str, list[EdgeSfr]] = {"all": [edge.sfr for edge in self.edges]}
+        """Mean of all edges, then of those that show the sharpness in either direction, if there are both.
+
+        Of several pictures that of each edge over the pictures counts: repeats are no other places in the field.
+        """
+        groups: dict[str, list[FieldEdge]] = {"all": list(self.edges)}
         for direction in ("horizontal", "vertical"):
-            of_direction = [response for response in groups["all"] if response.direction == direction]
+            of_direction = [edge for edge in self.edges if edge.sfr.direction == direction]
             if 0 < len(of_direction) < len(self.edges):
                 groups[direction] = of_direction
-        return tuple(MeanOfEdges(name, len(edges), mean_sfr(edges)) for name, edges in groups.items())
+        means = []
+        for name, edges in groups.items():
+            by_region: dict[str, list[EdgeSfr]] = {}
+            for edge in edges:
+                by_region.setdefault(edge.roi.name, []).append(edge.sfr)
+            over_pictures = [repeats[0] if len(repeats) == 1 else mean_sfr(repeats) for repeats in by_region.values()]
+            means.append(MeanOfEdges(name, len(over_pictures), mean_sfr(over_pictures)))
+        return tuple(means)
+
+    @property
+    def over_pictures(self) -> tuple[MeanOfEdges, ...]:
+        """Mean of the edges of each picture; nothing for a single one."""
+        by_picture: dict[str, list[EdgeSfr]] = {}
+        for edge in self.edges:
+            by_picture.setdefault(edge.picture, []).append(edge.sfr)
+        if len(by_picture) < 2:
+            return ()
+        return tuple(MeanOfEdges(name, len(edges), mean_sfr(edges)) for name, edges in by_picture.items())
 
     @property
     def mtf(self) -> tuple[tuple[float, float], ...]:
@@ -103,6 +131,7 @@ def measure_sharpness(
     rois: Sequence[Roi],
     pixel_pitch_m: float | None = None,
     pixels: Mapping[tuple[int, int], float] | None = None,
+    picture: str = "",
 ) -> MeasuredSharpness:
     """Measure the response at the edges of a picture.
 
@@ -116,6 +145,8 @@ def measure_sharpness(
         Distance of the pixels on the sensor, where it is known.
     pixels : mapping of (int, int) to float, or None
         Pixels that a value of the map is the mean of, as of `sfr`.
+    picture : str
+        Its name, where there are several.
 
     Raises
     ------
@@ -137,13 +168,30 @@ def measure_sharpness(
     edges, failed = [], []
     for roi in rois:
         try:
-            edges.append(_in_field(luminance, roi, sfr(luminance, roi, pixels=pixels)))
+            edges.append(_in_field(luminance, roi, sfr(luminance, roi, pixels=pixels), picture))
         except InputError as problem:
-            failed.append(error("sfr-edge-failed", roi.name, reason=str(problem)))
+            name = f"{roi.name}, {picture}" if picture else roi.name
+            failed.append(error("sfr-edge-failed", name, reason=str(problem)))
     if not edges:
         reason = f"region {failed[0].subject!r}: {failed[0].values['reason']}" if failed else "no region about an edge"
         raise InputError(f"no edge can be measured: {reason}")
     return MeasuredSharpness(tuple(edges), pixel_pitch_m, unique([*failed, *_findings(luminance, edges)]))
+
+
+def joined(parts: Sequence[MeasuredSharpness]) -> MeasuredSharpness:
+    """Return the edges of several pictures together.
+
+    Raises
+    ------
+    InputError
+        If there is none, or their pixel pitches differ.
+    """
+    if not parts:
+        raise InputError("no edge can be measured in any picture: draw regions about one edge each")
+    if len({part.pixel_pitch_m for part in parts}) > 1:
+        raise InputError("the pictures state different pixel pitches: give those of one camera, or --pixel-pitch")
+    edges = tuple(edge for part in parts for edge in part.edges)
+    return MeasuredSharpness(edges, parts[0].pixel_pitch_m, unique(f for part in parts for f in part.findings))
 
 
 def pixels_of_values(picture: Picture, converter: Converter) -> dict[tuple[int, int], float] | None:
@@ -172,11 +220,11 @@ def pixels_of_values(picture: Picture, converter: Converter) -> dict[tuple[int, 
     return {places[plane]: float(weight) for plane, weight in zip(planes, weights, strict=True) if plane in places}
 
 
-def _in_field(luminance: LuminanceMap, roi: Roi, response: EdgeSfr) -> FieldEdge:
+def _in_field(luminance: LuminanceMap, roi: Roi, response: EdgeSfr, picture: str) -> FieldEdge:
     height, width = (luminance.step * size for size in luminance.shape)
     x, y = response.line_px.mean(axis=0).tolist()
     distance = hypot(x - width / 2, y - height / 2)
-    return FieldEdge(roi, response, x, y, distance, distance / (hypot(width, height) / 2))
+    return FieldEdge(roi, response, x, y, distance, distance / (hypot(width, height) / 2), picture)
 
 
 def _findings(luminance: LuminanceMap, edges: Sequence[FieldEdge]) -> list[Finding]:
@@ -184,7 +232,7 @@ def _findings(luminance: LuminanceMap, edges: Sequence[FieldEdge]) -> list[Findi
     if luminance.step > 1:
         findings.append(info("sfr-of-cells", side=luminance.step))
     sharpened = [
-        edge.roi.name
+        edge.name
         for edge in edges
         if min(edge.sfr.overshoot.interval.low, edge.sfr.undershoot.interval.low) > 0
         and min(edge.sfr.overshoot.value, edge.sfr.undershoot.value) > _SHARPENED
@@ -192,7 +240,7 @@ def _findings(luminance: LuminanceMap, edges: Sequence[FieldEdge]) -> list[Findi
     if sharpened:
         findings.append(warning("sfr-sharpened", edges=sharpened))
     for name, level in (("mtf50", 0.5), ("mtf10", 0.1)):
-        unknown = [edge.roi.name for edge in edges if getattr(edge.sfr, name).value != getattr(edge.sfr, name).value]
+        unknown = [edge.name for edge in edges if getattr(edge.sfr, name).value != getattr(edge.sfr, name).value]
         if unknown:
             findings.append(warning("sfr-level-unknown", name.upper(), edges=unknown, level=level))
     return findings

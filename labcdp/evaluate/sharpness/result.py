@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from ...core.disk.text import json_values
 from ...core.errors import InputError
 from ...core.luminance import LuminanceMap
-from ...core.result import InputFile, Result, info, unique
+from ...core.result import Finding, InputFile, Result, error, info, unique
 from ...core.roi import Roi
 from ...files.picture import Picture
 from ...files.read import read_picture
@@ -20,8 +20,8 @@ from ...regions import ImageSize, require_on_image
 from ...report.files import dataset_bytes, result_files
 from ...report.layout import Block, Page, Section, Verbatim, facts_table, input_facts
 from ..picture.converter import LENS, RELATIVE, Converter, PictureSource
-from .figures import sharpness_cards, sharpness_figures
-from .measure import MeasuredSharpness, measure_sharpness, pixels_of_values
+from .figures import picture_figures, sharpness_cards, sharpness_figures
+from .measure import MeasuredSharpness, joined, measure_sharpness, pixels_of_values
 from .tables import sharpness_dataset, sharpness_tables
 
 if TYPE_CHECKING:
@@ -113,13 +113,13 @@ def chain_with_mtf(chain: Chain, mtf: Sequence[tuple[float, float]]) -> Chain:
     )
 
 
-def evaluate_sharpness(settings: SharpnessSettings, path: Path) -> tuple[Result, dict[str, bytes]]:
-    """Evaluate a picture.
+def evaluate_sharpness(settings: SharpnessSettings, paths: Sequence[Path]) -> tuple[Result, dict[str, bytes]]:
+    """Evaluate a picture, or several with the same edges.
 
     Returns
     -------
     (Result, dict of str to bytes)
-        Its numbers, and by their names report.html, results.xlsx, results.json, results.nc, figures/*.png and, of a
+        Their numbers, and by their names report.html, results.xlsx, results.json, results.nc, figures/*.png and, of a
         chain, chain.toml.
 
     Raises
@@ -127,19 +127,19 @@ def evaluate_sharpness(settings: SharpnessSettings, path: Path) -> tuple[Result,
     InputError
         If the picture cannot be read, a region is outside it, or no edge can be measured.
     """
-    picture = read_picture(path, settings.converter.options)
-    height, width = picture.shape
-    files = [file.path for file in settings.inputs if file.role == "regions"]
-    require_on_image(settings.rois, settings.image_size, (width, height), *files)
-    luminance = settings.converter.luminance(picture)
-    pitch_m = pixel_pitch_m(settings.converter, picture) if settings.chain is None else chain_pitch_m(settings.chain)
-    measured = measure_sharpness(luminance, settings.rois, pitch_m, pixels_of_values(picture, settings.converter))
-    source = settings.converter.source(picture)
-    result = _result(settings, measured, source)
-    page = _page(measured, result, luminance, source)
+    names = [path.name for path in paths]
+    several, seen = len(paths) > 1, list[_SeenPicture]()
+    for number, path in enumerate(paths, start=1):
+        name = path.name if names.count(path.name) == 1 else f"{path.name}, number {number}"
+        seen.append(_measured_picture(settings, path, name if several else ""))
+    measured = joined([picture.measured for picture in seen if picture.measured is not None])
+    failed = [finding for picture in seen for finding in picture.failed]
+    measured = replace(measured, findings=unique([*failed, *measured.findings]))
+    result = _result(settings, measured, [picture.source for picture in seen])
+    page = _page(measured, result, seen)
     attributes = {
-        "title": "sharpness of a picture",
-        "file": str(path),
+        "title": "sharpness of a picture" if not several else f"sharpness in {len(paths)} pictures",
+        "file": ", ".join(map(str, paths)),
         "configuration": json.dumps(json_values(result.configuration), ensure_ascii=False),
         "labcdp_version": version("labcdp"),
     }
@@ -152,24 +152,55 @@ def evaluate_sharpness(settings: SharpnessSettings, path: Path) -> tuple[Result,
     return result, made
 
 
+@dataclass(frozen=True, eq=False)
+class _SeenPicture:
+    """A picture with its edges; None and why if none can be measured, though they can in others."""
+
+    name: str
+    source: PictureSource
+    luminance: LuminanceMap
+    measured: MeasuredSharpness | None
+    failed: tuple[Finding, ...] = ()
+
+
+def _measured_picture(settings: SharpnessSettings, path: Path, name: str) -> _SeenPicture:
+    picture = read_picture(path, settings.converter.options)
+    height, width = picture.shape
+    files = [file.path for file in settings.inputs if file.role == "regions"]
+    require_on_image(settings.rois, settings.image_size, (width, height), *files)
+    luminance = settings.converter.luminance(picture)
+    pitch_m = pixel_pitch_m(settings.converter, picture) if settings.chain is None else chain_pitch_m(settings.chain)
+    source, pixels = settings.converter.source(picture), pixels_of_values(picture, settings.converter)
+    try:
+        measured = measure_sharpness(luminance, settings.rois, pitch_m, pixels, name)
+    except InputError as problem:
+        if not name:
+            raise
+        failed = error("sfr-picture-failed", path.name, reason=str(problem))
+        return _SeenPicture(name, source, luminance, None, (failed,))
+    return _SeenPicture(name, source, luminance, measured)
+
+
 def pixel_pitch_m(converter: Converter, picture: Picture) -> float | None:
     """Return the pixel pitch that is given, or that the picture or a camera specification states."""
     options = converter.with_lens(picture.lens).options
     return options.pixel_pitch_m or picture.statements.pixel_pitch_on(picture.shape)
 
 
-def _result(settings: SharpnessSettings, measured: MeasuredSharpness, source: PictureSource) -> Result:
+def _result(settings: SharpnessSettings, measured: MeasuredSharpness, sources: Sequence[PictureSource]) -> Result:
+    of_files = [finding for source in sources for finding in source.findings]
     # A pixel pitch alone corrects no vignetting, but is what the MTF of the lens needs.
-    of_file = (finding for finding in source.findings if finding.values.get("given") != LENS["pixel_pitch_m"])
-    findings = [*of_file, *measured.findings]
+    findings = [finding for finding in of_files if finding.values.get("given") != LENS["pixel_pitch_m"]]
+    findings += measured.findings
+    source = sources[0]
     if settings.chain is None and measured.pixel_pitch_m is None:
         findings.append(info("sfr-no-pitch"))
     return Result(
         kind="sfr",
-        title=source.path.name,
+        title=source.path.name if len(sources) == 1 else f"{len(sources)} pictures",
         tables=sharpness_tables(measured),
         findings=unique(findings),
-        inputs=(InputFile("picture", str(source.path), source.sha256), *settings.inputs),
+        inputs=(*(InputFile("picture", str(one.path), one.sha256) for one in sources), *settings.inputs),
         configuration={
             "regions": [roi.name for roi in settings.rois],
             "chain": None if settings.chain is None else settings.chain.name,
@@ -177,12 +208,15 @@ def _result(settings: SharpnessSettings, measured: MeasuredSharpness, source: Pi
             "conversion": source.conversion,
             "encoding": source.encoding,
         },
-        simulated=source.simulated,
+        simulated=any(source.simulated for source in sources),
     )
 
 
-def _page(measured: MeasuredSharpness, result: Result, luminance: LuminanceMap, source: PictureSource) -> Page:
-    first, *others = sharpness_figures(measured, luminance, source.path.name)
+def _page(measured: MeasuredSharpness, result: Result, seen: Sequence[_SeenPicture]) -> Page:
+    source = seen[0].source
+    pictures = [(one.name, one.source.path.name, one.luminance) for one in seen if one.measured is not None]
+    first, *more = picture_figures(measured, pictures)
+    others = list(sharpness_figures(measured))
     edges = result.table("edges")
     mtf: list[Section] = []
     if measured.mtf:
@@ -203,7 +237,8 @@ def _page(measured: MeasuredSharpness, result: Result, luminance: LuminanceMap, 
         lead=[first, replace(edges.showing(*_SHORT), note="")],
         sections=[
             Section("Responses", others),
-            Section("Edges and means", [result.table("sharpness"), edges]),
+            Section("Edges and means", [result.table("sharpness"), *result.tables_named("pictures"), edges]),
+            *([Section("Further pictures", more, collapsed=True)] if more else []),
             *mtf,
             Section("Provenance", [facts_table(facts)], collapsed=True),
         ],

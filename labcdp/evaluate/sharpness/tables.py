@@ -35,6 +35,9 @@ _PLACE = (
 )  # fmt: skip
 
 
+_PICTURE = Column("picture", "picture", "", "Name of the picture.")
+
+
 def _known(value: float) -> float | None:
     return float(value) if isfinite(value) else None
 
@@ -74,11 +77,15 @@ def sharpness_tables(measured: MeasuredSharpness) -> tuple[Table, ...]:
         Column("n_edges", "number", "", "Number of these edges.", 0),
         *columns,
     )
-    tables = [
-        Table.of_items("sharpness", "Sharpness", of_means, measured.means, _NOTE),
-        Table.of_items("edges", "Edges", (*_PLACE, *columns), measured.edges),
-        _response_table(measured),
-    ]
+    tables = [Table.of_items("sharpness", "Sharpness", of_means, measured.means, _NOTE)]
+    place: tuple[Column, ...] = _PLACE
+    if measured.over_pictures:
+        of_pictures = (_PICTURE, of_means[1], *columns)
+        note = "U of a picture is by the scatter of its edges: to compare pictures, compare the same edge."
+        pictures = [replace(_PICTURE, value="name"), *of_pictures[1:]]
+        tables.append(Table.of_items("pictures", "Pictures", pictures, measured.over_pictures, note))
+        place = (_PLACE[0], _PICTURE, *_PLACE[1:])
+    tables += [Table.of_items("edges", "Edges", (*place, *columns), measured.edges), _response_table(measured)]
     if measured.mtf:
         frequency = Column("lp_per_mm", "frequency", "lp/mm", "Spatial frequency on the sensor, in line pairs per mm.")
         modulation = Column("modulation", "modulation", "", "MTF of the lens, without the pixels.", decimals=4)
@@ -93,7 +100,7 @@ def _response_table(measured: MeasuredSharpness) -> Table:
     columns = (
         Column("frequency", "frequency", _CYCLES, "Spatial frequency.", decimals=4),
         *uncertain(Column("response", "mean", "", "Mean of the responses of all edges.", decimals=4)),
-        *(Column(f"response_{n}", edge.roi.name, "", "Response of this edge.", decimals=4)
+        *(Column(f"response_{n}", edge.name, "", "Response of this edge.", decimals=4)
           for n, edge in enumerate(measured.edges, 1)),
     )  # fmt: skip
     data = {
@@ -128,7 +135,7 @@ def sharpness_dataset(edges: Sequence[FieldEdge], attributes: dict[str, Any]) ->
     frequency = edges[0].sfr.frequency
     column = Column("frequency", "spatial frequency", _CYCLES, "Spatial frequency across the edge.")
     coordinates = {
-        "edge": [edge.roi.name for edge in edges],
+        "edge": [edge.name for edge in edges],
         "frequency": ("frequency", frequency, attributes_of(column, frequency)),
     }
     return Dataset(variables_of(kept, ("edge",), edges) | responses, coordinates, attributes)

@@ -72,6 +72,8 @@ class VideoSettings:
         Of the video; they count before what it or the calibration says. Bits are those of 16-bit values.
     black_level_dn, bayer, focal_length_m, pixel_pitch_m, no_vignetting
         As of `labcdp.files.picture.PictureOptions`; None for what the video or the camera specification says.
+    frame_rate_hz : float or None
+        Frames a second of images, which state no times.
     damaged : bool
         Whether frames that are damaged, or build on damaged ones, are evaluated, with a note.
     cdp_limit : float
@@ -108,6 +110,7 @@ class VideoSettings:
     focal_length_m: float | None = None
     pixel_pitch_m: float | None = None
     no_vignetting: bool | None = None
+    frame_rate_hz: float | None = None
     cdp_limit: float = CDP_LIMIT
     requirement: Requirement | None = None
     colours: bool = False
@@ -152,7 +155,7 @@ class VideoSettings:
     @property
     def stated(self) -> dict[str, Any]:
         """Statements about the video by the user, None for what is not stated."""
-        names = ("exposure_s", "gain_db", "temperature_c", "bit_depth", *OF_VALUES)
+        names = ("exposure_s", "gain_db", "temperature_c", "bit_depth", *OF_VALUES, "frame_rate_hz")
         return {name: getattr(self, name) for name in names}
 
     @property

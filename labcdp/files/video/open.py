@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from os import PathLike
 from pathlib import Path
 
 from ...core.disk import open_regular, reading
 from ...core.disk.files import SESSION_JOURNAL
+from ...core.errors import InputError
 from ..kinds import TIFF
 from ..picture import PictureOptions
 from .source import VideoSource
@@ -42,11 +43,16 @@ def open_video(path: str | PathLike[str], options: PictureOptions | None = None)
     from .sequence import open_sequence, open_session_video, open_stack
 
     path, options = Path(path), options or PictureOptions()
+    opened: Callable[[Path, PictureOptions], VideoSource]
     if path.is_dir():
-        return (open_session_video if (path / SESSION_JOURNAL).is_file() else open_sequence)(path, options)
-    suffix = path.suffix.lower()
-    is_stack = suffix in (".tif", ".tiff") or (suffix not in RAW_SUFFIXES and _begins_as_tiff(path))
-    return (open_stack if is_stack else open_video_file)(path, options)
+        opened = open_session_video if (path / SESSION_JOURNAL).is_file() else open_sequence
+    else:
+        suffix = path.suffix.lower()
+        is_stack = suffix in (".tif", ".tiff") or (suffix not in RAW_SUFFIXES and _begins_as_tiff(path))
+        opened = open_stack if is_stack else open_video_file
+    if options.frame_rate_hz is not None and opened not in (open_sequence, open_stack):
+        raise InputError(f"{path} states the times of its frames: leave the frame rate out")
+    return opened(path, options)
 
 
 def _begins_as_tiff(path: Path) -> bool:

@@ -61,7 +61,7 @@ def open_sequence(folder: Path, options: PictureOptions) -> VideoSource:
         numbers or tuple(range(len(images))),
         lambda at, known: read_picture(images[at], known),
         options,
-        (info("image-sequence", images=len(images)), numbering),
+        (_sequence_finding(len(images), options), numbering),
     )
 
 
@@ -71,8 +71,14 @@ def open_stack(path: Path, options: PictureOptions) -> VideoSource:
     n = count_pictures(data, path)
     return _sequence(
         path, sha256, tuple(range(n)), lambda at, known: read_page(path, data, at, known),
-        options, (info("image-sequence", images=n),),
+        options, (_sequence_finding(n, options),),
     )  # fmt: skip
+
+
+def _sequence_finding(n_images: int, options: PictureOptions) -> Finding:
+    if options.frame_rate_hz is None:
+        return info("image-sequence", images=n_images)
+    return info("image-sequence-rate", images=n_images, frame_rate_hz=options.frame_rate_hz)
 
 
 def _sequence(
@@ -101,8 +107,8 @@ def _sequence(
         path=path,
         shape=first.shape,
         frame_count=numbers[-1] + 1,
-        # One a second: the images do not say it, so that time is their number.
-        frame_rate=1.0,
+        # Without a statement one a second, so that time is their number: images do not say it.
+        frame_rate=options.frame_rate_hz or 1.0,
         exposure_stated=first.exposure_stated,
         encoding="linear" if first.coloured else first.encoding,
         findings=(*findings, *first.findings, *guessed),
@@ -138,8 +144,10 @@ class ImageSequence(VideoSource):
 
     def entries(self) -> Iterator[VideoFrame]:
         """Go through all images."""
+        assert self.frame_rate is not None
         for at, number in enumerate(self.numbers):
-            yield VideoFrame(number, float(number - self.numbers[0]), None, partial(self._load, at, number))
+            time_s = (number - self.numbers[0]) / self.frame_rate
+            yield VideoFrame(number, time_s, None, partial(self._load, at, number))
 
     def _load(self, at: int, number: int) -> StoredPixels:
         return stored_pixels(self.read(at, number))

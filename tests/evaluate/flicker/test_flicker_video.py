@@ -16,6 +16,7 @@ from labcdp.evaluate.flicker.page import evaluate_flicker, write_flicker
 from labcdp.evaluate.flicker.settings import FlickerSettings
 from labcdp.evaluate.video.evaluate import JOURNAL, evaluate_video
 from labcdp.evaluate.video.settings import VideoSettings
+from labcdp.files.video.selection import Position, Selection
 
 SHAPE, RATE_HZ, EXPOSURE_S, ROW_TIME_S, WHITE = (48, 96), 25.0, 2e-3, 20e-6, 200.0
 LAMP = Roi.rectangle("lamp", 10, 10, 24, 24)
@@ -169,6 +170,20 @@ def test_the_frequency_of_a_lamp_needs_times(tmp_path):
         evaluate_flicker(tmp_path, settings(LAMP, frequency_hz=90.0))
 
 
+def test_images_have_the_times_of_a_stated_frame_rate(frames, evaluated, video, tmp_path):
+    for number, frame in enumerate(frames[30:]):
+        cv2.imwrite(str(tmp_path / f"{number:03}.png"), frame)
+    dataset, (lamp,) = evaluate_flicker(tmp_path, settings(LAMP, frame_rate_hz=RATE_HZ, frequency_hz=FREQUENCY_HZ))
+    assert dataset["time_s"].values == pytest.approx(np.arange(300) / RATE_HZ)
+    assert lamp.flicker.beat_hz == pytest.approx(evaluated[1][0].flicker.beat_hz, rel=1e-3)
+    assert "image-sequence-rate" in dataset.attrs["findings"]
+    assert labcdp.open_video(tmp_path, frame_rate_hz=50).frame_rate == 50
+    with pytest.raises(InputError, match=r"lamps.avi states the times of its frames: leave the frame rate out"):
+        evaluate_flicker(video, settings(LAMP, frame_rate_hz=RATE_HZ))
+    with pytest.raises(InputError, match="the frame rate is 0 Hz: give a number above 0"):
+        labcdp.open_video(tmp_path, frame_rate_hz=0)
+
+
 def test_regions_are_tracked(tmp_path):
     rng = np.random.default_rng(2)
     ground = cv2.GaussianBlur(rng.normal(90, 60, (120, 200)), (0, 0), 2)
@@ -223,6 +238,16 @@ def test_what_cannot_be_used_is_refused(video, more, message):
         evaluate_flicker(video, settings(**more))
     with pytest.raises(InputError, match="no regions"):
         FlickerSettings()
+
+
+@pytest.mark.parametrize("off_frames", [(330, 340), (0, 330), (300, 340)])
+def test_frames_with_the_lamp_off_that_are_none_are_refused_before_the_first_frame(video, off_frames):
+    seen = []
+    where = Selection(stop=Position(300)) if off_frames[0] == 300 else Selection()
+    chosen = settings(LAMP, off_frames=off_frames, selection=where)
+    with pytest.raises(InputError, match="give some of them"):
+        evaluate_flicker(video, chosen, progress=lambda *done: seen.append(done))
+    assert not seen
 
 
 def test_a_pulsed_lamp_that_disturbs_a_cdp_is_named(video, tmp_path):

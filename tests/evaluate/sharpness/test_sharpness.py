@@ -140,6 +140,35 @@ def test_an_edge_that_cannot_be_measured_costs_the_others_nothing(labcdp, chart)
     assert "labcdp: no edge can be measured: region 'plain': " in done.stderr
 
 
+def test_repeats_in_several_pictures_are_averaged_at_each_edge(labcdp, chart):
+    again = chart.with_name("again.png")
+    image = cv2.imread(str(chart), cv2.IMREAD_UNCHANGED).astype(float)
+    noise = np.random.default_rng(4).normal(0, 1.5, image.shape)
+    cv2.imwrite(str(again), np.clip(image + noise, 0, 255).round().astype(np.uint8))
+    result = evaluate(labcdp, chart, again)
+    rows = {(row["edge"], row["picture"]): row for row in result["tables"]["edges"]["rows"]}
+    assert list(rows) == [(name, picture) for picture in ("chart.png", "again.png") for name in PLACES]
+    means = [np.mean([rows[name, picture]["mtf50"] for picture in ("chart.png", "again.png")]) for name in PLACES]
+    whole = result["tables"]["sharpness"]["rows"][0]
+    assert (whole["n_edges"], whole["mtf50"]) == (3, pytest.approx(np.mean(means)))
+    # Repeats are no other places in the field.
+    assert whole["u_mtf50"] == pytest.approx(np.std(means, ddof=1) / np.sqrt(3))
+    by_picture = {row["picture"]: row["mtf50"] for row in result["tables"]["pictures"]["rows"]}
+    assert by_picture["again.png"] == pytest.approx(np.mean([rows[name, "again.png"]["mtf50"] for name in PLACES]))
+    assert (chart.with_name("out") / "figures" / "picture-2.png").exists()
+    dataset = xr.load_dataset(chart.with_name("out") / "results.nc")
+    assert float(dataset["mtf50"].sel(edge="side, again.png")) == rows["side", "again.png"]["mtf50"]
+
+
+def test_a_picture_without_edges_costs_the_others_nothing(labcdp, chart):
+    plain = chart.with_name("plain.png")
+    cv2.imwrite(str(plain), np.full((300, 400), 90, np.uint8))
+    result = evaluate(labcdp, plain, chart, code=1)
+    (failure,) = (finding for finding in result["findings"] if finding["severity"] == "error")
+    assert failure["text"].startswith("no sharpness in plain.png: ")
+    assert len(result["tables"]["edges"]["rows"]) == 3
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -177,10 +206,17 @@ def measured_camera(chain, seed):
     return measure_sharpness(luminance, [package.Roi.rectangle("edge", 0, 0, *SHAPE[::-1])], 3.45e-6)
 
 
-@pytest.mark.parametrize("lens", ["table", "blurred"])
+@pytest.mark.parametrize("lens", ["table", "blurred", "sharpened"])
 def test_a_measured_camera_is_simulated_as_sharp_as_it_is(camera, lens):
     table = [[0.0, 1.0], [40.0, 0.83], [80.0, 0.5], [130.0, 0.22], [200.0, 0.06], [290.0, 0.0]]
-    known = {"table": {"optics__mtf": table}, "blurred": {"optics__blur_sigma_m": 2e-6, "optics__diffraction_nm": 550}}
+    # A blur of 0.5 pixels, and 1.6 times the differences from neighbours.
+    cycles = np.arange(0, 290, 10) * 3.45e-3
+    modulations = (1.6 - 0.6 * np.cos(2 * np.pi * cycles)) * np.exp(-2 * (0.5 * np.pi * cycles) ** 2)
+    sharpened = np.column_stack([cycles / 3.45e-3, modulations]).tolist()
+    known = {
+        "table": {"optics__mtf": table}, "sharpened": {"optics__mtf": sharpened},
+        "blurred": {"optics__blur_sigma_m": 2e-6, "optics__diffraction_nm": 550},
+    }  # fmt: skip
     original = measured_camera(camera.with_(**known[lens]), 1)
     again = measured_camera(chain_with_mtf(camera, original.mtf), 2)
     (first,), (second,) = ([edge.sfr for edge in measured.edges] for measured in (original, again))
@@ -188,10 +224,14 @@ def test_a_measured_camera_is_simulated_as_sharp_as_it_is(camera, lens):
         a, b = getattr(first, name), getattr(second, name)
         assert abs(a.value - b.value) < 1.5 * np.hypot(a.U, b.U)
         assert 0.1 * a.value > a.U
-    if lens == "table":
-        lp_per_mm, modulation = np.transpose(table)
+    if lens != "blurred":
+        lp_per_mm, modulation = np.transpose(table[:4] if lens == "table" else sharpened[:9])
         at, found = np.transpose(original.mtf)
-        assert np.abs(np.interp(lp_per_mm[:4], at, found) - modulation[:4]).max() < 0.03
+        assert np.abs(np.interp(lp_per_mm, at, found) - modulation).max() < 0.03
+    if lens == "sharpened":
+        a, b = first.overshoot, second.overshoot
+        assert min(a.value, b.value) > 0.05
+        assert abs(a.value - b.value) < 3 * np.hypot(a.u, b.u)
 
 
 def test_a_chain_gets_the_measured_lens(labcdp, chart):
@@ -211,4 +251,5 @@ def test_sharpening_is_said(labcdp, tmp_path):
     (found,) = (finding for finding in result["findings"] if finding["code"] == "sfr-sharpened")
     assert "centre" in found["values"]["edges"]
     assert "side" not in found["values"]["edges"]
-    assert max(row["modulation"] for row in result["tables"]["mtf"]["rows"]) == 1
+    # The mean of two edges that are sharpened and one that is not.
+    assert max(row["modulation"] for row in result["tables"]["mtf"]["rows"]) > 1

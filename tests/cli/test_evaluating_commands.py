@@ -268,6 +268,26 @@ def test_the_flicker_of_a_video(labcdp, drive):
         assert why in " ".join(done.stderr.split())
 
 
+def test_the_flicker_of_several_videos(labcdp, drive, tmp_path):
+    shutil.copy(drive, tmp_path / "b.avi")
+    with (tmp_path / "b.avi").open("ab") as file:
+        file.write(b"\0\0")
+    command = ("video", drive, "b.avi", "--roi", "rois.json", "--flicker", "--method", "fixed", "-o", "out")
+    values = results_of(labcdp(*command, "--workers", 1, "--json"))
+    videos = values["tables"]["videos"]["rows"]
+    assert [(row["video"], row["n_regions"], row["resumed"]) for row in videos] == [("drive", 2, False), ("b", 2, False)]
+    regions = values["tables"]["flicker"]["rows"]
+    assert [(row["video"], row["region"]) for row in regions] == [
+        (video, region) for video in ("drive", "b") for region in ("sign", "ground")
+    ]
+    assert videos[0]["fmi"] == max(row["fmi"] for row in regions[:2])
+    assert (tmp_path / "out" / "archive.html").exists()
+    assert (tmp_path / "out" / "b" / "report.html").exists()
+    # What is finished is not done again.
+    again = results_of(labcdp(*command, "--workers", 1, "--json"))
+    assert [row["resumed"] for row in again["tables"]["videos"]["rows"]] == [True, True]
+
+
 def test_the_flicker_of_a_session(labcdp, inputs, tmp_path):
     command = ("evaluate", inputs / "s", "--calibration", inputs / "c" / "calibration.json")
     done = labcdp(*command, "--flicker", "--flicker-tolerance", "5%", "-o", "out", "--json")

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -40,6 +40,9 @@ from .options import (
     read_regions,
     require_kind,
 )
+
+if TYPE_CHECKING:
+    from ...evaluate.flicker.settings import FlickerSettings
 
 #: First bytes of TIFF and BigTIFF files.
 _TIFF = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"
@@ -218,14 +221,12 @@ def _flicker(
         "--pair": chosen.pair, "--neighbours": chosen.neighbours, "--contrast": chosen.contrast,
         "--epsilon": chosen.epsilon, "--cdp-limit": chosen.cdp_limit, "--require": chosen.require,
         "--reference": chosen.reference, "--colours": chosen.colours, "--annotated": made.annotated,
-        "--frames": made.frames, "--cluster": where.cluster,
+        "--frames": made.frames,
     }  # fmt: skip
     given = [name for name, value in others.items() if value]
     if given:
         raise InputError(f"--flicker compares no regions: leave {', '.join(given)} out")
     paths = _paths(files)
-    if len(paths) > 1:
-        raise InputError(f"--flicker takes one video, and {len(paths)} are given: evaluate them one after the other")
     rois, image_size, _ = read_regions(chosen)
     settings = FlickerSettings(
         rois=rois,
@@ -240,6 +241,10 @@ def _flicker(
         **flicker.given(),
         **light.stated(),
     )
+    if len(paths) > 1 or where.cluster is not None:
+        folder = results.folder(files[0] if len(files) == 1 else "videos", resume=True)
+        _flicker_of_several(paths, settings, folder, where, results)
+        return
     folder = results.folder(paths[0])
     with folder, progress_bars() as bars:
 
@@ -249,6 +254,45 @@ def _flicker(
         dataset, regions = evaluate_flicker(paths[0], settings, folder, progress=progress)
         result = write_flicker(dataset, regions, folder)
     results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+
+
+def _flicker_of_several(
+    paths: Sequence[Path],
+    settings: FlickerSettings,
+    folder: ResultsFolder,
+    where: ClusterOptions,
+    results: Results,
+) -> None:
+    """Evaluate the flicker of several videos, on all cores; raises InputError."""
+    from ...evaluate.flicker.archive import flicker_archive, flicker_archive_page, flicker_values
+    from ...evaluate.flicker.record import flicker_configuration
+    from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
+    from ...evaluate.video.archive_page import archive_files
+
+    tasks = archive_tasks(paths, folder.folder)
+    if not results.force:
+        require_same_archive(tasks, folder.folder)
+    inputs = [path for path in (settings.calibration, settings.camera) if path is not None]
+    with folder:
+        folder.keep()
+        with progress_bars() as bars:
+            archive = evaluate_archive(
+                tasks,
+                partial(flicker_values, settings),
+                flicker_configuration(settings),
+                where.chosen(),
+                progress=lambda done, total: bars.set("Videos", done, total),
+                force=results.force,
+                inputs=inputs,
+            )
+        folder.complete = not archive.failures
+        result = flicker_archive(archive)
+        folder.add(archive_files(result, flicker_archive_page(result)))
+    where_they_are = f"{result.table('videos').note} Results are in {folder.folder}, a folder for each"
+    results.print(result, where_they_are, page=folder.folder / "archive.html")
+    if archive.failures:
+        say(f"labcdp: {len(archive.failures)} of {len(archive.outcomes)} videos failed")
+        raise typer.Exit(1)
 
 
 def _chart(

@@ -35,7 +35,7 @@ from ..video.dataset import (
 from ..video.evaluate import JOURNAL, converter_findings, opened_for, require_regions_in
 from ..video.findings import video_findings
 from ..video.run import PartRun, TrackedFrame, VideoRun, region_mean
-from ..video.settings import Progress, evaluation_head
+from ..video.settings import Progress, evaluation_head, video_configuration
 from .settings import FlickerSettings, off_frames_error
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def record_regions(
         "conversion": converter.description,
         "findings": as_json(recorded(findings)),
         "versions": as_json(head["versions"]),
-        "configuration": as_json({**head["settings"], **_flicker_settings(settings)}),
+        "configuration": as_json(flicker_configuration(settings)),
     }
     return _dataset(columns, [roi.name for roi in settings.rois], converter.unit, attributes)
 
@@ -163,8 +163,10 @@ def _require_off_frames(source: VideoSource, settings: FlickerSettings) -> None:
         raise off_frames_error(first, stop, begin, end - 1)
 
 
-def _flicker_settings(settings: FlickerSettings) -> dict[str, Any]:
+def flicker_configuration(settings: FlickerSettings) -> dict[str, Any]:
+    """Return the settings that determine the results, as values JSON can hold."""
     return {
+        **video_configuration(settings, None),
         "off_frames": None if settings.off_frames is None else list(settings.off_frames),
         "threshold": settings.threshold,
         "tolerance": settings.tolerance,

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
-from ...core.result import InputFile, Result, error
+from ...core.result import Finding, InputFile, Result, error
 from ...core.table import Column, Table
 from ...report.files import envelope_json
 from ...report.html import render_page
@@ -57,23 +57,17 @@ def archive_result(archive: ArchiveResult) -> Result:
         ("regions", "Regions", REGIONS),
         ("lost", "Stretches in which a region was lost", LOST),
     ):
-        rows = [{"video": outcome.task.folder.name, **row} for outcome in done for row in _rows(outcome, name)]
+        rows = [{"video": outcome.task.folder.name, **row} for outcome in done for row in outcome_rows(outcome, name)]
         if rows:
             # Rows of results that were written hold the values by name.
             by_name = [replace(column, value="") for column in columns]
             tables.append(Table.of_items(name, title, (_VIDEO, *by_name), rows, detail=True))
-    # Most reasons name the file.
-    failures = (
-        error("video-failed", reason=outcome.error if path in outcome.error else f"{path}: {outcome.error}", path=path)
-        for outcome in archive.failures
-        for path in (str(outcome.task.video),)
-    )
     return Result(
         "video",
         f"{len(archive.outcomes)} videos",
         tuple(tables),
-        (*failures, *archive.findings),
-        tuple(_inputs(done)),
+        archive_findings(archive),
+        tuple(archive_inputs(done)),
         done[0].values["configuration"] if done and done[0].values is not None else {},
     )
 
@@ -88,19 +82,31 @@ def _video(outcome: VideoOutcome) -> Mapping[str, Any]:
     }
     if outcome.values is None:
         return row
-    n_frames = next(row["value"] for row in _rows(outcome, "summary"))
-    lost = [region["lost_share"] for region in _rows(outcome, "regions")]
-    return {**row, "n_frames": n_frames, **_rows(outcome, "contrasts")[0], "lost_share": max(lost, default=None)}
+    n_frames = next(row["value"] for row in outcome_rows(outcome, "summary"))
+    lost = [region["lost_share"] for region in outcome_rows(outcome, "regions")]
+    return {**row, "n_frames": n_frames, **outcome_rows(outcome, "contrasts")[0], "lost_share": max(lost, default=None)}
 
 
-def _rows(outcome: VideoOutcome, table: str) -> list[dict[str, Any]]:
+def archive_findings(archive: ArchiveResult) -> tuple[Finding, ...]:
+    """Return why videos failed, and the findings about processes that died."""
+    # Most reasons name the file.
+    failures = (
+        error("video-failed", reason=outcome.error if path in outcome.error else f"{path}: {outcome.error}", path=path)
+        for outcome in archive.failures
+        for path in (str(outcome.task.video),)
+    )
+    return *failures, *archive.findings
+
+
+def outcome_rows(outcome: VideoOutcome, table: str) -> list[dict[str, Any]]:
     """Return the rows of a table of a video's result; none if it has no such table."""
     assert outcome.values is not None
     rows: list[dict[str, Any]] = outcome.values["tables"].get(table, {"rows": []})["rows"]
     return rows
 
 
-def _inputs(done: list[VideoOutcome]) -> Iterator[InputFile]:
+def archive_inputs(done: Sequence[VideoOutcome]) -> Iterator[InputFile]:
+    """Yield the files that results were made from, each once."""
     inputs = {}
     for outcome in done:
         assert outcome.values is not None
@@ -110,8 +116,15 @@ def _inputs(done: list[VideoOutcome]) -> Iterator[InputFile]:
     yield from inputs.values()
 
 
-def archive_files(result: Result) -> dict[str, bytes]:
+def archive_files(result: Result, page: Page | None = None) -> dict[str, bytes]:
     """Return the files about all videos of an archive; each video has a folder of its own.
+
+    Parameters
+    ----------
+    result : Result
+        Of the archive.
+    page : Page or None
+        Its page; None for that of CDP.
 
     Returns
     -------
@@ -120,7 +133,7 @@ def archive_files(result: Result) -> dict[str, bytes]:
     """
     return {
         "archive.json": envelope_json(result).encode(),
-        "archive.html": render_page(archive_page(result)).encode(),
+        "archive.html": render_page(page or archive_page(result)).encode(),
         "archive.xlsx": result_workbook(result, datetime.now(UTC)),
     }
 

@@ -275,7 +275,8 @@ def test_the_flicker_of_several_videos(labcdp, drive, tmp_path):
     command = ("video", drive, "b.avi", "--roi", "rois.json", "--flicker", "--method", "fixed", "-o", "out")
     values = results_of(labcdp(*command, "--workers", 1, "--json"))
     videos = values["tables"]["videos"]["rows"]
-    assert [(row["video"], row["n_regions"], row["resumed"]) for row in videos] == [("drive", 2, False), ("b", 2, False)]
+    expected = [("drive", 2, False), ("b", 2, False)]
+    assert [(row["video"], row["n_regions"], row["resumed"]) for row in videos] == expected
     regions = values["tables"]["flicker"]["rows"]
     assert [(row["video"], row["region"]) for row in regions] == [
         (video, region) for video in ("drive", "b") for region in ("sign", "ground")

@@ -185,19 +185,22 @@ def sfr(
     )  # fmt: skip
 
 
-def mean_sfr(edges: Sequence[Sfr]) -> Sfr:
+def mean_sfr(edges: Sequence[Sfr], *, repeated: bool = False) -> Sfr:
     """Average the responses at several edges.
 
     Parameters
     ----------
     edges : sequence of Sfr
         At least one, all of images with one colour filter or none.
+    repeated : bool
+        Whether it is one edge in several pictures.
 
     Returns
     -------
     Sfr
         Means of the edges. Their uncertainty is by the scatter from edge to edge, noise and field together; that of a
-        single edge is its own. A frequency that an edge does not have is that of the others.
+        single edge is its own. Of a repeated edge it is by the rows of each picture, or by the scatter if that is
+        larger. A frequency that an edge does not have is that of the others.
 
     Raises
     ------
@@ -219,16 +222,20 @@ def mean_sfr(edges: Sequence[Sfr]) -> Sfr:
     if any(edge.frequency[-1] != edges[0].frequency[-1] for edge in edges):
         raise InputError("the edges are of images with and without a colour filter: average those of one kind")
     names = ("response", "mtf50", "mtf10", "overshoot", "undershoot")
-    return Sfr(edges[0].frequency, **{name: _mean([getattr(edge, name) for edge in edges]) for name in names})
+    return Sfr(edges[0].frequency, **{name: _mean([getattr(edge, name) for edge in edges], repeated) for name in names})
 
 
-def _mean(quantities: Sequence[Quantity[Any]]) -> Quantity[Any]:
+def _mean(quantities: Sequence[Quantity[Any]], repeated: bool) -> Quantity[Any]:
     """Mean with the uncertainty by the scatter of the values that are known."""
     known = [quantity for quantity in quantities if np.isfinite(quantity.value).all()]
     if len(known) < 2:
         return known[0] if known else quantities[0]
     values = np.array([quantity.value for quantity in known])
     u = values.std(axis=0, ddof=1) / len(known) ** 0.5
+    if repeated:
+        by_rows = np.sqrt(np.sum([np.square(quantity.u) for quantity in known], axis=0)) / len(known)
+        dof = min(quantity.dof for quantity in known)
+        return Quantity(as_number(values.mean(axis=0)), as_number(np.maximum(u, by_rows)), dof=dof)
     return Quantity(as_number(values.mean(axis=0)), as_number(u), dof=len(known) - 1)
 
 

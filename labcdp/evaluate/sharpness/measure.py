@@ -106,7 +106,7 @@ class MeasuredSharpness:
             by_region: dict[str, list[EdgeSfr]] = {}
             for edge in edges:
                 by_region.setdefault(edge.roi.name, []).append(edge.sfr)
-            over_pictures = [repeats[0] if len(repeats) == 1 else mean_sfr(repeats) for repeats in by_region.values()]
+            over_pictures = [mean_sfr(repeats, repeated=True) for repeats in by_region.values()]
             means.append(MeanOfEdges(name, len(over_pictures), mean_sfr(over_pictures)))
         return tuple(means)
 

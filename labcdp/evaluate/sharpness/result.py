@@ -232,9 +232,9 @@ def _page(measured: MeasuredSharpness, result: Result, seen: Sequence[_SeenPictu
     ]  # fmt: skip
     return Page.of(
         result,
-        "Sharpness (spatial frequency response) of a picture",
+        f"Sharpness (spatial frequency response) of {'pictures' if len(seen) > 1 else 'a picture'}",
         cards=sharpness_cards(measured),
-        lead=[first, replace(edges.showing(*_SHORT), note="")],
+        lead=[first, replace(edges.showing(*_SHORT, *(("picture",) if measured.over_pictures else ())), note="")],
         sections=[
             Section("Responses", others),
             Section("Edges and means", [result.table("sharpness"), *result.tables_named("pictures"), edges]),

@@ -26,6 +26,8 @@ _NEGLIGIBLE = 1e-4
 _WORTH = 0.25
 #: Largest scatter, and number of scatters evenly spaced in their logarithms, over which its likelihood is integrated.
 _WIDEST, _N_SIZES = 1e3, 500
+#: Share of a column that the others leave, below which it is a combination of them.
+_COLLINEAR = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +44,22 @@ class _Likelihood:
     @classmethod
     def of(cls, jacobian: Array, residual: Array, covariance: Array, pattern: Array) -> _Likelihood:
         """Of residuals with a known covariance and s^2 times a pattern."""
-        from scipy.linalg import solve_triangular
+        from scipy.linalg import qr, solve_triangular
 
         root = np.linalg.cholesky(covariance)
         white = solve_triangular(root, np.eye(len(root)), lower=True)
+        columns = white @ jacobian
+        size = np.linalg.norm(columns, axis=0)
+        # Patches in one row do not show how the light changes across it: such a column is none.
+        columns, size = columns[:, size > 0] / size[size > 0], size[size > 0]
+        q, r, order = qr(columns, pivoting=True)
+        left_of_columns = np.abs(np.diag(r))
+        rank = int((left_of_columns > _COLLINEAR).sum())
         # What the parameters leave of the whitened residuals.
-        q, r = np.linalg.qr(white @ jacobian, mode="complete")
-        left = q[:, jacobian.shape[1] :].T @ white
+        left = q[:, rank:].T @ white
         values, vectors = np.linalg.eigh(left @ pattern @ left.T)
-        constant = 2 * float(np.log(np.diag(root)).sum() + np.log(np.abs(np.diag(r))).sum())
+        volume = np.log(left_of_columns[:rank] * size[order[:rank]]).sum()
+        constant = 2 * float(np.log(np.diag(root)).sum() + volume)
         return cls(constant, np.maximum(values, 0.0), (vectors.T @ (left @ residual)) ** 2)
 
     def deviance(self, size: float) -> float:

@@ -140,11 +140,12 @@ def matrix_card(bench: LiveBench) -> str:
     if not known.size:
         return _card("All regions", "saturated", "bad", "shorten the exposure")
     n_detected = int((known >= LIMIT).sum())
-    lines = [f"pairs of {len(matrix.names)} regions have CDP ≥ {LIMIT:g}"]
+    text = f"have CDP ≥ {LIMIT:g}"
     if matrix.weakest is not None:
         pair, cdp = matrix.weakest
-        lines.append(f"lowest of neighbours: {cdp:.3f}, {pair}")
-    return _card("All regions", f"{n_detected} of {known.size}", "good" if n_detected == known.size else "open", *lines)
+        text += f"; neighbours from {cdp:.3f}, {pair}"
+    state = "good" if n_detected == known.size else "open"
+    return _card("All regions", f"{n_detected} of {known.size} pairs", state, text)
 
 
 def planned_table(bench: LiveBench) -> str:

@@ -1,6 +1,6 @@
 """Fits with errors in both variables, against published figures, brute force and repeated draws."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 from labcdp.calibration.fitting.candidates import CandidateModel
 from labcdp.calibration.fitting.design import Design, SharedError
 from labcdp.calibration.fitting.problem import solve
-from labcdp.calibration.fitting.scatter import scatter_around_mean
+from labcdp.calibration.fitting.scatter import residual_scatter, scatter_around_mean
 from labcdp.calibration.readings import PatchReading
 from labcdp.calibration.signal import NetSignals
 
@@ -124,3 +124,16 @@ def test_parameters_scatter_as_stated_and_have_no_bias():
 def test_scatter_that_is_all_there_is_is_the_standard_deviation():
     values = np.random.default_rng(3).normal(1, 0.01, 9)
     assert scatter_around_mean(values, np.full(9, 1e-18)).size == pytest.approx(values.std(ddof=1), rel=1e-9)
+
+
+def test_columns_that_the_patches_do_not_show_change_no_scatter():
+    """As of light that changes across the one row in which all patches lie, or a column that is another one again."""
+    rng, luminance = np.random.default_rng(5), np.geomspace(1, 50, 9)
+    seen = 100 * luminance * (1 + 0.02 * rng.normal(size=9))
+    design = design_of(seen, luminance, np.full(9, 0.1), (0.002 * luminance) ** 2)
+    solution = solve(design, CandidateModel("linear", (float(seen.max()),)))
+    plain = residual_scatter(solution)
+    assert plain == pytest.approx(0.02, rel=4 / np.sqrt(2 * 8))
+    for column in (np.zeros((9, 1)), 1e-6 * solution.jacobian, -3e5 * solution.jacobian):
+        wider = replace(solution, jacobian=np.hstack([solution.jacobian, column]))
+        assert residual_scatter(wider) == pytest.approx(plain, rel=1e-9)

@@ -101,7 +101,7 @@ class MatrixPlot:
             ("bright / dark", "@bright / @dark"), ("CDP", "@cdp{0.000}"), ("target contrast", "@target{0.0} %"),
             ("measured contrast", "@measured{0.0} %"),
         ]))  # fmt: skip
-        self.figure.xaxis.axis_label, self.figure.yaxis.axis_label = "bright region", "dark region (colour: CDP)"
+        self.figure.xaxis.axis_label, self.figure.yaxis.axis_label = "bright region (colour: CDP)", "dark region"
         self.figure.xaxis.major_label_orientation = 1.57
         self.figure.axis.major_label_text_font_size = "8px"
         self.figure.grid.grid_line_color = None

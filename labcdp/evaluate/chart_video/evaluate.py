@@ -87,6 +87,10 @@ def evaluate_chart_video(
     findings = [*source.findings, *converter_findings(converter, source), *video_findings(about_frames, ())]
     if not chart.is_stated:
         findings.append(warning("chart-not-stated"))
+    # Of single frames it is in their notes; of most it says that the corners or the chart are wrong.
+    in_wrong_order = [each for of_frame in about_frames["findings"] for each in of_frame if each.code == "chart-order"]
+    if 2 * len(in_wrong_order) > int(np.isfinite(dataset["mean"].values).any(axis=1).sum()):
+        findings.append(in_wrong_order[0])
     files = {"calibration": settings.calibration, "camera": settings.camera}
     inputs = [*settings.inputs, *(InputFile.of(role, file) for role, file in files.items() if file is not None)]
     return dataset.assign_attrs(

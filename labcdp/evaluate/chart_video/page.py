@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core.quantity import Z_95
 from ...core.result import InputFile, Result
-from ...core.table import Column, Table, uncertain
+from ...core.table import Column, Table, uncertain, with_bound
 from ...metrics.region import SATURATED_SHARE
 from ...output import Destination, open_results
 from ...output.file import writing
@@ -82,10 +82,11 @@ def _range_table(dataset: Dataset) -> Table:
                bound="bound"),
         Column("bound", "mean range, bound", "", "Whether the chart ends before the camera does, in any frame: the true"
                " range is larger (>).", shown=False),
-        *uncertain(Column("lowest_stops", "lowest range", "stops", "Lowest range of a frame."),
-                   lambda row: row.get("u_lowest_stops")),
+        *with_bound(uncertain(Column("lowest_stops", "lowest range", "stops", "Lowest range of a frame."),
+                              lambda row: row.get("u_lowest_stops")), lambda row: row.get("lowest_bound")),
         Column("lowest_frame", "in frame", "", "The first frame with the lowest range.", decimals=0),
-        Column("highest_stops", "highest range", "stops", "Highest range of a frame.", decimals=2),
+        *with_bound((Column("highest_stops", "highest range", "stops", "Highest range of a frame.", decimals=2),),
+                    lambda row: row.get("highest_bound")),
         Column("std_stops", "standard deviation", "stops", "From frame to frame.", 2),
         Column("mean_low", "low end", unit, "Geometric mean of the low ends."),
         Column("lowest_low", "low end, from", unit, "Lowest low end of a frame.", shown=False),
@@ -105,14 +106,17 @@ def _range_row(of_range: Dataset) -> dict[str, Any]:
     row: dict[str, Any] = {"figure": str(of_range["range"].values), "n_frames": int(known.sum())}
     if not known.any():
         return row
-    at = int(np.nanargmin(stops))
+    at, highest = int(np.nanargmin(stops)), int(np.nanargmax(stops))
+    is_bound = of_range["range_is_bound"].values == 1
     row |= {
         "mean_stops": float(stops[known].mean()),
-        "bound": ">" if of_range["range_is_bound"].values[known].any() else "",
+        "bound": ">" if is_bound[known].any() else "",
         "lowest_stops": float(stops[at]),
         "u_lowest_stops": float(of_range["u_range_stops"].values[at]),
+        "lowest_bound": ">" if is_bound[at] else "",
         "lowest_frame": int(of_range["frame"].values[at]),
-        "highest_stops": float(stops[known].max()),
+        "highest_stops": float(stops[highest]),
+        "highest_bound": ">" if is_bound[highest] else "",
         "std_stops": float(stops[known].std(ddof=1)) if known.sum() > 1 else None,
     }
     for end in ("low", "high"):

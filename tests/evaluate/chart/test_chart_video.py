@@ -142,6 +142,25 @@ def test_the_range_follows_the_light(measured):
         assert abs(np.log2(low / true)) < 0.05 + 0.1
 
 
+def test_a_range_that_the_chart_ends_is_a_bound_in_each_column(measured):
+    rows = {row["figure"]: row for row in chart_video_result(measured).table("dynamic_range_over_frames").rows()}
+    for name, row in rows.items():
+        of_range = measured.sel(range=name)
+        is_bound = dict(zip(of_range["range_stops"].values.tolist(), of_range["range_is_bound"].values, strict=True))
+        for column in ("lowest_stops", "highest_stops"):
+            assert row[f"{column}_bound"] == (">" if is_bound[row[column]] else "")
+    assert any(row["lowest_stops_bound"] for row in rows.values())
+
+
+def test_patches_in_another_order_than_stated_are_noticed(tmp_path, flickering, measured):
+    path = tmp_path / "swapped.toml"
+    third, eighth = (f"value = {DENSITIES[number]:.4f}" for number in (3, 8))
+    path.write_text(chart_text().replace(third, "value = x").replace(eighth, third).replace("value = x", eighth))
+    wrong = evaluate_chart_video(flickering, settings(path))
+    codes = [[f["code"] for f in json.loads(dataset.attrs["findings"])] for dataset in (measured, wrong)]
+    assert [each.count("chart-order") for each in codes] == [0, 1]
+
+
 def test_a_moving_camera_is_followed(tmp_path, chart_path):
     frames = write_frames(tmp_path / "frames", (1.0, 0.6, 1.0, 0.7, 1.0), moving=True)
     dataset = evaluate_chart_video(frames, settings(chart_path, "follow"))

@@ -560,5 +560,6 @@ class MeterConfiguration(ConfigurationTable):
             raise ValueError(f'{wrong} with entry = "{self.entry}"')
         missing = [name for name in accuracy if getattr(self, name) is None]
         if missing:
-            raise ValueError(f'lacks {missing[0]}: with entry = "{self.entry}" give the accuracy of the instrument')
+            lacking = ", ".join(missing)
+            raise ValueError(f'lacks {lacking}: with entry = "{self.entry}" give the accuracy of the instrument')
         return self

@@ -53,15 +53,21 @@ def validated(model: type[Model], document: dict[str, Any], source: str, **conte
     Raises
     ------
     ConfigurationError
-        Naming the first wrong key, its value with unit, and what to give. Unknown keys come before all others,
-        because a mistyped key also leaves the right one missing.
+        Naming the first wrong key, its value with unit, and what to give, or all missing keys. Unknown keys come
+        before all others, because a mistyped key also leaves the right one missing.
     """
     try:
         return model.model_validate(document, context=context, by_alias=True, by_name=False)
     except ValidationError as error:
         problems = error.errors(include_url=False)
         first = min(problems, key=lambda problem: problem["type"] != "extra_forbidden")
-        raise ConfigurationError(f"{source}: {_sentence(model, first)}") from error
+        sentence = _sentence(model, first)
+        if first["type"] == "missing":
+            others = [_path(problem["loc"]) for problem in problems if problem["type"] == "missing"]
+            others = [path for path in dict.fromkeys(others) if path != _path(first["loc"])]
+            if others:
+                sentence += shortened(f"; also missing: {', '.join(others)}", _MOST_CHARACTERS)
+        raise ConfigurationError(f"{source}: {sentence}") from error
 
 
 def _sentence(model: type[BaseModel], problem: ErrorDetails) -> str:

@@ -58,6 +58,8 @@ def test_a_large_file_is_not_loaded(tmp_path):
         ("json", "[" * 100_000, "nested more than 64 levels deep"),
         ("json", "[" + "1," * 4_000_001 + "1]", "more than 4000000 values"),
         ("toml", 'name = "a"\nplan = 5 ms\n', r"not valid TOML: .* \(at line 2, column 10\): correct it there"),
+        ("toml", "a = 1\nb_m = -2,05 # m\n", r"column 9\): write -2\.05 with a decimal point, not -2,05$"),
+        ("toml", "a = 1\nb = ", r": correct it there$"),
         ("toml", "x = " + "[" * 1000, "nested too deep"),
         ("toml", "a." * 100_000 + "b = 1", "is a key of more than 16 parts"),
         ("csv", "a,b\n1\n", "line 2: it has 1 cells, the header has 2: '1'"),

@@ -51,7 +51,7 @@ WRONG = [
     (EXPOSURES, EXPOSURES + "\n'a b' = 1", 'plan."a b" is not a known key'),
     (PITCH, PITCH + "saturation_dn = 40\nblack_level = 64\n", "camera.saturation_dn is 40 DN, camera.black_level 64"),
     (METER, METER + 'entry = "csv"\n', "meter lacks file"),
-    (METER, METER + 'entry = "by hand"\nrepeatability_rel = 0.01\n', "meter lacks scale_half_width_rel"),
+    (METER, METER + 'entry = "by hand"\nrepeatability_rel = 0.01\n', "meter lacks scale_half_width_rel, digits"),
     (METER, CERTIFICATE.replace("2027", "2025"), "meter.certificate has due_date 2025-04-01"),
     (METER, CERTIFICATE.replace("2026", "2024"), "meter has calibration_date 2025-03-31, later than its certificate"),
     (
@@ -75,6 +75,15 @@ WRONG = [
 def test_a_wrong_configuration_is_refused_in_one_line(old, new, message):
     with pytest.raises(ConfigurationError, match=rf"^bench\.toml: {re.escape(message)}.*: \w+.*$"):
         SessionConfiguration.from_toml(BENCH.replace(old, new, 1), "bench.toml")
+
+
+def test_all_missing_keys_are_named_at_once():
+    text = BENCH.replace(METER, "").replace(PITCH, "").replace(", f_number = 2.6", "")
+    with pytest.raises(ConfigurationError) as caught:
+        SessionConfiguration.from_toml(text, "bench.toml")
+    first, others = str(caught.value).split("; also missing: ")
+    assert re.fullmatch(r"bench\.toml: camera\.pixel_pitch_m is missing: give .+", first)
+    assert others == "lens.f_number, meter.model"
 
 
 SCALARS = (

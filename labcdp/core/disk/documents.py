@@ -35,6 +35,9 @@ _NO_BRACKETS = bytes(set(range(256)) - set(b"[]{}"))
 _STRING = re.compile(rb'"(?:[^"\\]|\\.)*+"', re.DOTALL)
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _LONG_KEY = re.compile(rf"(?<![\w-]){_PART}(?:\.[ \t]*+{_PART}){{{_MOST_PARTS}}}", re.ASCII)
+#: Where a syntax error is, as tomllib says it, and a line with a decimal comma outside a list.
+_TOML_POSITION = re.compile(r"at line (\d+), column")
+_DECIMAL_COMMA = re.compile(r"[^=#\"'\[]*=\s*([+-]?\d{1,20}),(\d{1,20})\b")
 
 
 def parse_json(text: str | bytes, allow_nan: bool = False) -> Any:
@@ -133,9 +136,20 @@ def parse_toml(text: str) -> dict[str, Any]:
             document = tomllib.loads(text)
         # Also too deep nesting, and numbers and dates that Python cannot represent.
         except (ValueError, RecursionError) as error:
-            raise InputError(f"{reason(error)}: correct it there") from error
+            raise InputError(f"{reason(error)}: {_correction(text, str(error))}") from error
         _require_whole_numbers(document)
     return document
+
+
+def _correction(text: str, message: str) -> str:
+    """Return what to do about a syntax error: a decimal comma is the error of those whose language has it."""
+    position = _TOML_POSITION.search(message)
+    lines = text.split("\n")
+    number = int(position[1]) if position else len(lines) + 1
+    comma = _DECIMAL_COMMA.match(lines[number - 1]) if number <= len(lines) else None
+    if comma is None:
+        return "correct it there"
+    return f"write {comma[1]}.{comma[2]} with a decimal point, not {comma[1]},{comma[2]}"
 
 
 def _require_whole_numbers(value: Any, level: int = 0) -> None:

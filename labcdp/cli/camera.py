@@ -207,8 +207,8 @@ def verify(
         result = verification_result(verification, session.resolve().name, inputs)
         files = SavedFile.of(folder.path(path.name)), file
         certified = verification_certificate(observed, loaded, verification, *files)
-        folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
-    following = [f"Saved: {path}"]
+        written = folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
+    following = [f"Saved: {', '.join(map(str, (path, *written)))}"]
     if verification.verdict == "not conform":
         history = f"labcdp history {shell_word(path.parent)}"
         following.append(f"Next: labcdp acquire and labcdp calibrate, then {history}")

@@ -91,7 +91,10 @@ def test_measuring_again_on_the_same_bench(labcdp, recorded, tmp_path):
     with Session.open(tmp_path / "own") as session:
         session.verify()
         assert len(session.frames("dark")) >= 2
-    # What is complete is not measured again.
+    # What is complete is not measured again; each file that is written is named.
+    said = labcdp(*command[:-1], "--force")
+    names = ("verification.json", "certificate.html", "results.json")
+    assert f"Saved: {', '.join(f'own-verify/{name}' for name in names)}" in said.stdout + said.stderr
     assert results_of(labcdp(*command, "--force"))["tables"] == values["tables"]
 
 

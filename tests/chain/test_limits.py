@@ -76,7 +76,7 @@ def test_a_value_in_another_unit_is_refused(part, name, slip):
         (EXPOSURE, {"exposure_s": [1, 0.5, 1.0]}),
         (BOARD, {"contrast": 99.0, "luminance_cd_m2": 1e11}),
         *((BOARD, changes) for changes in ({"square_px": 1.3, "oversampling": 4}, {"square_px": 4})),
-        *((OPTICS, {"mtf": mtf}) for mtf in ([[0.0, 1.0], [50.0, 1.2]], [[1.0, 1.0], [50.0, 0.5]], [[0.0, 0.5]])),
+        *((OPTICS, {"mtf": mtf}) for mtf in ([[0.0, 1.0], [50.0, 4.2]], [[1.0, 1.0], [50.0, 0.5]], [[0.0, 0.5]])),
         *((STEPS, {"luminances_cd_m2": values}) for values in ([], [1] * 5, [1, -2], [nan])),
     ],
 )

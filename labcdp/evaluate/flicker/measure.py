@@ -44,7 +44,7 @@ class RegionFlicker:
     n_lost, n_saturated, n_black, n_other : int
         Frames without a value by reason: a region that was lost, is saturated or has no light, or a broken frame.
     exposure_s : float
-        Exposure time, where frames of one are told from those of others, as in sessions; nan in videos.
+        Exposure time of the frames, in sessions, where each has a signal of its own; nan in videos.
     """
 
     region: str

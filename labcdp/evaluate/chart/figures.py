@@ -13,7 +13,7 @@ from ...core.result import Result
 from ...report import drawing
 from ...report.html import interactive
 from ...report.layout import Card, ReportFigure, Script, Section
-from ...report.text import shortened, significant
+from ...report.text import bounded, shortened, significant
 from .measure import MeasuredChart
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ def range_cards(chart: MeasuredChart) -> list[Card]:
             f"{significant(ends.low)} to {significant(ends.high)}{unit}",
             f"{significant(ends.decibels)} dB, {significant(ends.ratio)} : 1",
         )
-        value = f"{ends.bound + ' ' if ends.bound else ''}{ends.stops:.2f} stops"
+        value = bounded(ends.stops, ends.bound, "stops") if ends.bound else f"{ends.stops:.2f} stops"
         detail = "the chart ends first" if ends.bound else f"95 %: ± {1.96 * ends.u_stops:.2f} stops"
         cards.append(Card(f"Dynamic range, {chart_range.name} ≥ {ends.limit:g}", value, detail, lines))
     return cards

@@ -23,7 +23,7 @@ from ...report.files import dataset_bytes, envelope_json
 from ...report.html import render_page
 from ...report.layout import Block, Card, Page, ReportFigure, Section, Verbatim, facts_table, input_facts
 from ...report.sheets import write_result
-from ...report.text import fixed, printable, significant, span
+from ...report.text import bounded, fixed, printable, significant, span
 from ..chart.figures import matrix_maps
 from ..chart.tables import matrix_table
 from ..video.dataset import NOTE, TIME, restored
@@ -320,11 +320,10 @@ def _cards(dataset: Dataset, ranges: Table) -> list[Card]:
             f"{significant(row['mean_low'])} to {significant(row['mean_high'])}{f' {unit}' if unit else ''}",
             f"lowest in frame {row['lowest_frame']}",
         )
-        bound = "> " if row["bound"] else ""
+        mean, bound = row["mean_stops"], row["bound"]
+        value = bounded(mean, bound, "stops") if bound else f"{fixed(mean, 2)} stops"
         detail = "the chart ends first" if row["bound"] else f"frames: {of_frames} stops"
-        cards.append(
-            Card(f"Dynamic range, {row['figure']}", f"{bound}{fixed(row['mean_stops'], 2)} stops", detail, lines)
-        )
+        cards.append(Card(f"Dynamic range, {row['figure']}", value, detail, lines))
     return cards
 
 

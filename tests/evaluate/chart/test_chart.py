@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -14,6 +15,7 @@ from labcdp.core.errors import InputError
 from labcdp.evaluate.bench.session_page import session_files
 from labcdp.evaluate.bench.session_result import session_result
 from labcdp.evaluate.chart.chart_file import chart_names, chart_template, load_chart
+from labcdp.evaluate.chart.figures import range_cards
 from labcdp.regions.chart import perspective
 
 from ...chart_picture import (
@@ -302,6 +304,14 @@ def test_the_target_of_a_session_is_a_chart_with_the_readings_as_its_values(eval
     written = session_files(whole, result)
     assert {"dynamic_range", "cdp matrix"} <= {table.name for table in result.tables}
     assert b"Dynamic range" in written["report.html"]
+
+
+def test_a_card_of_a_range_that_the_chart_ends_states_no_more_than_is_known():
+    ends = SimpleNamespace(
+        stops=3.616, bound=">", low=33.6, high=412.0, decibels=21.8, ratio=12.3, u_stops=0.0, limit=1.0
+    )
+    (card,) = range_cards(SimpleNamespace(unit="cd/m²", ranges=[SimpleNamespace(name="SNR", range=ends)]))
+    assert card.value == "> 3.61 stops"
 
 
 def test_compare_takes_charts(labcdp, tmp_path, chart_path):

@@ -5,7 +5,7 @@ from .chain import Chain, ChainRun
 from .hdr import Hdr
 from .imaging import ImagingChain
 from .isp import PiecewiseLinear, ToneCurve
-from .lamp import PredictedFlicker, PulsedLamp
+from .lamp import CaptureTime, PredictedFlicker, PulsedLamp
 from .optics import Optics, Windscreen
 from .predict.camera import CameraModel
 from .registry import preset_names, preset_text, register
@@ -38,6 +38,7 @@ __all__ = [
     "CameraModel",
     "Capture",
     "CaptureSettings",
+    "CaptureTime",
     "Chain",
     "ChainRun",
     "Checkerboard",

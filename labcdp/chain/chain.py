@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,8 +17,8 @@ from .imaging import ImagingChain
 from .optics import Optics, Windscreen
 from .parameters import COUNT, THREADS
 from .parts import ChainParts
-from .scene.lamp import light_of_frame
-from .scene.scene import luminance_map
+from .scene.lamp import LampScene
+from .scene.scene import Scene, luminance_map
 from .scene.spectra import spectra_of
 from .sensor import Sensor
 from .signal import SIGNAL_HEADS, Context, SensorModel, Signal, digital_signal, scene_signal
@@ -62,21 +62,16 @@ class Chain(ChainParts):
         oversampling = getattr(self.scene, "oversampling", 1)
         samples = luminance_map(self.scene.luminance_map())
         stages = {"scene": scene_signal(samples, oversampling=oversampling)}
-        frame = light_of_frame(self.scene, self.exposures_s, seed)
-        if frame is not self.scene:
-            samples = luminance_map(frame.luminance_map())
-        scene = scene_signal(samples, oversampling=oversampling)
         for sensor_name, sensor in self.sensors or (("", None),):
             pitch = None if sensor is None else sensor.pixel_pitch_m
             context = Context(self.spectrum, seed, pitch, self.settings, threads)
-            signal = scene
-            for name, stage in self.before:
-                signal = stage.process(signal, context)
-                # A lens makes another image for each pixel pitch; the one of the first sensor is shown.
-                stages.setdefault(name, signal)
+            scenes = self._scenes_seen(sensor, seed)
+            signals: list[Signal] = []
+            for number, scene in enumerate(scenes):
+                first = scenes.index(scene)
+                signals.append(signals[first] if first < number else self._exposed(scene, stages, sensor, context))
             if sensor is not None:
-                seen, exposed = self._seen(sensor, samples, signal, context)
-                behind = self._behind_sensor(seen, exposed, context)
+                behind = self._behind_sensor(seen_sensor(sensor, self.spectrum), signals, context)
                 stages |= {self.sensor_stage_name(name, sensor_name): result for name, result in behind.items()}
         return ChainRun(self, seed, stages)
 
@@ -118,29 +113,39 @@ class Chain(ChainParts):
             "type emva1288 without a colour filter"
         )
 
-    def _seen(
-        self, sensor: SensorModel, samples: NDArray[np.float32], white: Signal, context: Context
-    ) -> tuple[SensorModel, Signal]:
-        """Return a sensor without colour filter, and what its pixels see of the scene's colours."""
-        if not isinstance(sensor, Sensor) or not (sensor.colour_filter or spectra_of(self.scene)):
-            return sensor, white
-        seen, values = seen_sensor(sensor, self.spectrum), np.empty(sensor.shape, np.float32)
-        reference = electron_radiance_per_cd_m2(self.spectrum, seen.quantum_efficiency)
-        for plane in seen_planes(sensor):
-            light = samples * sample_factors(self.scene, plane, self.spectrum)
-            signal = scene_signal(light, oversampling=getattr(self.scene, "oversampling", 1))
-            for _, stage in self.before:
-                signal = stage.process(signal, context)
-            mask = plane.mask(sensor.shape)
-            values[mask] = signal.values[mask] * np.float32(plane.per_cd_m2(self.spectrum) / reference)
-        return seen, replace(white, values=values)
+    def _scenes_seen(self, sensor: SensorModel | None, seed: int) -> list[Scene]:
+        """Return what each capture of a sensor sees: a pulsed lamp at another phase, any other scene as it is."""
+        if sensor is None or not isinstance(self.scene, LampScene):
+            return [self.scene] * max(len(self.capture_names), 1)
+        return [self.scene.seen_by(time, seed) for time in self.capture_times(sensor)]
 
-    def _behind_sensor(self, sensor: SensorModel, signal: Signal, context: Context) -> dict[str, Signal]:
-        assert self.settings is not None
-        captures = [sensor.capture(signal, context, index) for index in range(len(self.capture_names))]
-        signals = [digital_signal(capture, signal) for capture in captures]
+    def _exposed(self, scene: Scene, stages: dict[str, Signal], sensor: SensorModel | None, context: Context) -> Signal:
+        """Return the illuminance on the pixels, and add what is behind each stage to `stages`."""
+        samples, oversampling = luminance_map(scene.luminance_map()), getattr(scene, "oversampling", 1)
+        signal = scene_signal(samples, oversampling=oversampling)
+        for name, stage in self.before:
+            signal = stage.process(signal, context)
+            # A lens makes another image for each pixel pitch; that of the first capture of the first sensor is shown.
+            stages.setdefault(name, signal)
+        if not isinstance(sensor, Sensor) or not (sensor.colour_filter or spectra_of(scene)):
+            return signal
+        values = np.empty(sensor.shape, np.float32)
+        reference = electron_radiance_per_cd_m2(self.spectrum, seen_sensor(sensor, self.spectrum).quantum_efficiency)
+        for plane in seen_planes(sensor):
+            coloured = scene_signal(samples * sample_factors(scene, plane, self.spectrum), oversampling=oversampling)
+            for _, stage in self.before:
+                coloured = stage.process(coloured, context)
+            mask = plane.mask(sensor.shape)
+            values[mask] = coloured.values[mask] * np.float32(plane.per_cd_m2(self.spectrum) / reference)
+        return replace(signal, values=values)
+
+    def _behind_sensor(self, sensor: SensorModel, exposed: Sequence[Signal], context: Context) -> dict[str, Signal]:
+        captures = [sensor.capture(signal, context, index) for index, signal in enumerate(exposed)]
+        signals = [digital_signal(capture, signal) for capture, signal in zip(captures, exposed, strict=True)]
         if self.hdr is not None:
-            signals.append(digital_signal(self.hdr.merge(captures), signal))
+            # The merged value has the scale of the most sensitive capture.
+            scale = max(range(len(captures)), key=lambda index: captures[index].sensitivity)
+            signals.append(digital_signal(self.hdr.merge(captures), exposed[scale]))
         for _, stage in self.behind:
             signals.append(stage.process(signals[-1], context))
         return dict(zip(self.recorded_names, signals, strict=True))

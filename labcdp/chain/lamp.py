@@ -17,8 +17,31 @@ _Array = NDArray[np.float64]
 
 #: Distance of two phases that count as one, in periods.
 _SAME_PHASE = 1e-12
+#: Difference of two shares of the pulse's light that counts as none.
+_SAME_LIGHT = 1e-9
 #: Noise below which shares are those without noise, relative to the mean.
 _NO_NOISE = 1e-12
+
+
+class CaptureTime(NamedTuple):
+    """Exposure time of a capture, and its start after that of the frame.
+
+    Parameters
+    ----------
+    exposure_s : float
+        Exposure time in seconds.
+    start_s : float
+        Start after that of the frame in seconds.
+
+    Examples
+    --------
+    >>> from labcdp.chain import CaptureTime
+    >>> CaptureTime(0.004).start_s
+    0.0
+    """
+
+    exposure_s: float
+    start_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -183,31 +206,82 @@ class PulsedLamp(Parameters):
                 f"tolerance {tolerance:g}: give noise and row time from 0 on, a row or more, and limits above 0"
             )
         phases, light = self._corners(captures, np.arange(n_rows, dtype=np.float64) * (row_time_s * self.frequency_hz))
-        mean, off = self.mean_level, self.off_level
-        distribution = _Distribution(np.diff(phases), light[:-1], light[1:], noise_rel * mean)
-        even = distribution.below(mean * (1 + tolerance)) - distribution.below(mean * (1 - tolerance))
-        on = 1 - distribution.below(off * (1 + threshold)) if off > 0 else nan
-        highest, lowest = float(light.max()), float(light.min())
-        return PredictedFlicker((highest - lowest) / (highest + lowest), on, even, highest, lowest, mean)
+        mean = self.mean_level
+        return flicker_of_light(phases, light, mean, self.off_level, noise_rel * mean, threshold, tolerance)
 
-    def _corners(self, captures: Sequence[_Capture], late: NDArray[np.floating[Any]]) -> tuple[_Array, _Array]:
-        """Phases from 0 to 1 between which the light of a frame is linear, and that light in them."""
-        starts = [late + capture.start_s * self.frequency_hz for capture in captures]
+    def phase_nodes(self, captures: Sequence[CaptureTime], n: int) -> _Array:
+        """Return phases over a period between which the light of a frame's captures is linear.
+
+        Parameters
+        ----------
+        captures : sequence of CaptureTime
+            The captures.
+        n : int
+            Phases, about, where the light of a capture changes with the phase.
+
+        Returns
+        -------
+        ndarray
+            Rising from a phase to the same one of the next period.
+        """
+        corners = self._linear_between([(capture, np.zeros(1)) for capture in captures])
+        seen = [
+            self.collected(exposure_s, corners + start_s * self.frequency_hz) / exposure_s
+            for exposure_s, start_s in captures
+        ]
+        is_even = np.all(np.abs(np.diff(seen, axis=1)) < _SAME_LIGHT, axis=0)
+        lengths = np.diff(corners)
+        changing = float(lengths[~is_even].sum()) or 1.0
+        parts = np.where(is_even, 1, np.ceil(n * lengths / changing)).astype(int)
+        part = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+        inner = np.repeat(corners[:-1], parts) + part * np.repeat(lengths / parts, parts)
+        return np.append(inner, corners[-1])
+
+    def _linear_between(self, captures: Sequence[tuple[CaptureTime, NDArray[np.floating[Any]]]]) -> _Array:
+        """Phases, over a period, between which the light of captures with rows that begin later is linear."""
         edges = [
-            start + change - shift
-            for capture, start in zip(captures, starts, strict=True)
+            late + (start_s + change_s) * self.frequency_hz - shift
+            for (exposure_s, start_s), late in captures
             for shift in (0.0, self.duty)
-            for change in (0.0, capture.exposure_s * self.frequency_hz)
+            for change_s in (0.0, exposure_s)
         ]
         # A frame's light changes its slope where an exposure begins or ends with a pulse.
         corners = np.unique(np.concatenate([-edge % 1 for edge in edges]))
         corners = corners[np.diff(corners, prepend=-1.0) > _SAME_PHASE]
-        phases = np.concatenate([corners, corners[:1] + 1])
+        return np.concatenate([corners, corners[:1] + 1])
+
+    def _corners(self, captures: Sequence[_Capture], late: NDArray[np.floating[Any]]) -> tuple[_Array, _Array]:
+        """Phases from 0 to 1 between which the light of a frame is linear, and that light in them."""
+        phases = self._linear_between([(CaptureTime(c.exposure_s, c.start_s), late) for c in captures])
+        starts = [late + capture.start_s * self.frequency_hz for capture in captures]
         light = np.zeros(phases.size)
         for capture, start in zip(captures, starts, strict=True):
             seen = self.collected(capture.exposure_s, phases + start[:, None]).mean(axis=0)
             light += capture.weight * seen / capture.exposure_s
         return phases, light
+
+
+def flicker_of_light(
+    phases: _Array, light: _Array, mean: float, off: float, noise: float, threshold: float = 0.1, tolerance: float = 0.1
+) -> PredictedFlicker:
+    """Return the flicker of light that is linear between phases over a period.
+
+    Parameters
+    ----------
+    phases, light : ndarray, shape (n,)
+        Phases from one to the same of the next period, and the light of a frame at each.
+    mean, off : float
+        Light over all phases, and with the lamp off; 0 for none.
+    noise : float
+        Standard deviation of the light of a frame.
+    threshold, tolerance : float
+        As of `labcdp.flicker`.
+    """
+    distribution = _Distribution(np.diff(phases), light[:-1], light[1:], noise)
+    even = distribution.below(mean * (1 + tolerance)) - distribution.below(mean * (1 - tolerance))
+    on = 1 - distribution.below(off * (1 + threshold)) if off > 0 else nan
+    highest, lowest = float(light.max()), float(light.min())
+    return PredictedFlicker((highest - lowest) / (highest + lowest), on, even, highest, lowest, mean)
 
 
 class _Capture(NamedTuple):

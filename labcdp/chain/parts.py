@@ -16,6 +16,7 @@ from ..core.photometry import photon_radiance_per_cd_m2
 from ..output import write_file
 from .document import changed, document_of_parts, parts_of_document
 from .hdr import Hdr
+from .lamp import CaptureTime
 from .registry import chain_text
 from .scene.scene import Scene
 from .signal import UNITS, ExposureSettings, SensorModel, Stage
@@ -261,14 +262,17 @@ class ChainParts:
         times = self.settings.exposure_s
         return ("sensor",) if len(times) == 1 else tuple(f"sensor {1e3 * time:g} ms" for time in times)
 
-    @property
-    def exposures_s(self) -> tuple[float, ...]:
-        """Different exposure times of a frame, in seconds; () without a sensor."""
-        if self.settings is None or not self.sensors:
+    def capture_times(self, sensor: SensorModel) -> tuple[CaptureTime, ...]:
+        """Exposure time of each capture of a sensor and its start after that of the frame; () without exposures.
+
+        Captures of a sensor state their starts; several exposures follow one another, in the order they are stated.
+        """
+        if self.settings is None:
             return ()
-        captures = [capture for _, sensor in self.sensors for capture in getattr(sensor, "captures", ())]
-        times = {time for capture in captures for time in (capture.exposure_s or self.settings.exposure_s[0],)}
-        return tuple(sorted(times or set(self.settings.exposure_s)))
+        times = self.settings.exposure_s
+        if captures := getattr(sensor, "captures", ()):
+            return tuple(CaptureTime(capture.exposure_s or times[0], capture.start_s) for capture in captures)
+        return tuple(CaptureTime(time, sum(times[:index])) for index, time in enumerate(times))
 
     @property
     def recorded_names(self) -> tuple[str, ...]:

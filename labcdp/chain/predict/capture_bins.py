@@ -46,7 +46,7 @@ def capture_values(camera: CameraModel, number: int) -> FloatArray:
     return np.where(np.abs(scaled) < ZERO_DN, 0.0, scaled)
 
 
-def capture_bins(camera: CameraModel, blended: FloatArray) -> ValueBins:
+def capture_bins(camera: CameraModel, blended: FloatArray, is_steady: bool = True) -> ValueBins:
     """Bins of the merged value: one for each single value, and even ones where these are too far apart.
 
     Parameters
@@ -55,12 +55,15 @@ def capture_bins(camera: CameraModel, blended: FloatArray) -> ValueBins:
         With a merge.
     blended : ndarray
         Values of blended captures that are so few that each occurs in many pixels, in any order.
+    is_steady : bool
+        Whether all captures see the same light; else blended values lie anywhere between those of two captures.
     """
     assert camera.hdr is not None
     if camera.hdr.method in ("linear", "weighted"):
         return _with_gaps_filled(camera, _distinct(blended), _ranges(camera))
     values = [capture_values(camera, number) for number in range(len(camera.ladder))]
-    zones = _overlaps(camera) if camera.hdr.method == "most-sensitive" else []
+    blends = camera.hdr.method == "most-sensitive"
+    zones = [] if not blends else _overlaps(camera) if is_steady else _ranges(camera)
     return _with_gaps_filled(camera, _distinct(np.concatenate([*values, blended])), zones)
 
 

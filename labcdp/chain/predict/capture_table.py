@@ -9,6 +9,7 @@ of one readout.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
@@ -50,16 +51,48 @@ def capture_table(camera: CameraModel, rates_e_s: FloatArray) -> ValueTable:
         Mean photo-electrons per second of the sensor's own photodiode, of any shape.
     """
     rates = np.unique(rates_e_s)
+    same_light = np.broadcast_to(rates[:, None], (rates.size, len(camera.captures)))
+    bins, rows, saturated = _tabulated(camera, same_light, is_steady=True)
+    return ValueTable(bins, rows, saturated, np.arange(rates.size), KnownRates(rates))
+
+
+def light_table(camera: CameraModel, rates_e_s: FloatArray) -> tuple[ValueTable, FloatArray]:
+    """Tabulate the merged value of captures that see different light, as those of a pulsed lamp at different times.
+
+    Parameters
+    ----------
+    camera : CameraModel
+        With a merge.
+    rates_e_s : ndarray, shape (n, captures)
+        Mean photo-electrons per second of the sensor's own photodiode during each capture, most sensitive first.
+
+    Returns
+    -------
+    table : ValueTable
+        In the place of rates it has numbers of lights, which rise with the mean value.
+    numbers : ndarray of float, shape (n,)
+        The number of each light.
+    """
+    lights, light = np.unique(rates_e_s, axis=0, return_inverse=True)
+    bins, rows, saturated = _tabulated(camera, lights, is_steady=False)
+    order = np.argsort(rows @ bins.values, kind="stable")
+    numbers = np.arange(order.size, dtype=np.float64)
+    table = ValueTable(bins, csr_array(rows[order]), saturated[order], np.arange(order.size), KnownRates(numbers))
+    return table, numbers[np.argsort(order)[light.ravel()]]
+
+
+def _tabulated(camera: CameraModel, rates: FloatArray, is_steady: bool) -> tuple[ValueBins, csr_array, FloatArray]:
+    """Return bins, probabilities and saturated share at rates of each capture, shape (n, captures)."""
     first, last = counting_captures(camera, rates)
     if camera.tone_curve is None:
-        bins = capture_bins(camera, _frequent_values(camera, rates, first, last))
+        bins = capture_bins(camera, _frequent_values(camera, rates, first, last), is_steady)
     else:
         bins = code_bins(camera.tone_curve)
     merge = _Merge(camera, bins)
     parts = []
     for alone in np.unique(first[first == last]):
         chosen = np.flatnonzero((first == alone) & (last == alone))
-        parts.append((chosen, *merge.rows_of_one(int(alone), rates[chosen])))
+        parts.append((chosen, *merge.rows_of_one(int(alone), rates[chosen, alone])))
     mixed = np.flatnonzero(first != last)
     groups = [list(group) for _, group in groupby(mixed, key=lambda index: (first[index], last[index]))]
     for group in groups:
@@ -68,8 +101,7 @@ def capture_table(camera: CameraModel, rates_e_s: FloatArray) -> ValueTable:
     order = np.argsort(np.concatenate([chosen for chosen, _, _ in parts]))
     rows = csr_array(vstack([rows for _, rows, _ in parts]).tocsr()[order])
     rows.sort_indices()
-    saturated = np.concatenate([saturated for _, _, saturated in parts])[order]
-    return ValueTable(bins, rows, saturated, np.arange(rates.size), KnownRates(rates))
+    return bins, rows, np.concatenate([saturated for _, _, saturated in parts])[order]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +129,15 @@ class _Merge:
         draws = _Draws(self.camera.captures[begin:end])
         assert draws.quantiles
 
-        def row(rate: float) -> tuple[NDArray[np.intp], FloatArray, float]:
-            values = _merged(self.camera, draws.dn(rate), begin)
+        def row(rates: list[float]) -> tuple[NDArray[np.intp], FloatArray, float]:
+            values = _merged(self.camera, draws.dn(rates), begin)
             column, count = self._counts(values)
             return column, count / values.size, float((values >= self.camera.saturation_dn).mean())
 
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            columns, shares, saturated = zip(*pool.map(row, rates_e_s.tolist()), strict=True)
+            columns, shares, saturated = zip(*pool.map(row, rates_e_s[:, begin:end].tolist()), strict=True)
         starts = np.cumsum([0, *(column.size for column in columns)])
-        shape = (rates_e_s.size, self.bins.values.size)
+        shape = (len(rates_e_s), self.bins.values.size)
         return csr_array((np.concatenate(shares), np.concatenate(columns), starts), shape=shape), np.array(saturated)
 
     def _counts(self, values: NDArray[Any]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -131,14 +163,14 @@ class _Merge:
 
 
 def counting_captures(camera: CameraModel, rates_e_s: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """First and last capture that counts in any pixel at each rate, shape (n,)."""
+    """First and last capture that counts in any pixel at rates of each capture, shapes (n, captures) and (n,)."""
     captures, ladder, hdr = camera.captures, camera.ladder, camera.hdr
     assert hdr is not None
-    first, last = np.full((2, rates_e_s.size), len(captures) - 1)
+    first, last = np.full((2, len(rates_e_s)), len(captures) - 1)
     if hdr.method != "most-sensitive":
         return np.zeros_like(first), last
     for i in reversed(range(len(captures) - 1)):
-        low_dn, high_dn = (dn - ladder.zeros_dn[i] for dn in _reached_dn(captures[i], rates_e_s))
+        low_dn, high_dn = (dn - ladder.zeros_dn[i] for dn in _reached_dn(captures[i], rates_e_s[:, i]))
         end = ladder.saturations_dn[i]
         first = np.where(low_dn < end, i, first)
         last = np.where(high_dn < end * (1 - hdr.overlap), i, last)
@@ -149,14 +181,16 @@ def _frequent_values(
     camera: CameraModel, rates_e_s: FloatArray, first: NDArray[np.intp], last: NDArray[np.intp]
 ) -> FloatArray:
     """Blended values at rates at which there are so few that each occurs in many pixels."""
-    combinations = np.ones(rates_e_s.size)
+    combinations = np.ones(len(rates_e_s))
     for number, capture in enumerate(camera.captures):
-        low_dn, high_dn = (np.clip(dn, 0, 2**capture.sensor.bits - 1) for dn in _reached_dn(capture, rates_e_s))
+        reached_dn = _reached_dn(capture, rates_e_s[:, number])
+        low_dn, high_dn = (np.clip(dn, 0, 2**capture.sensor.bits - 1) for dn in reached_dn)
         combinations *= np.where((first <= number) & (number <= last), high_dn - low_dn + 1, 1.0)
     chosen = np.flatnonzero((first < last) & (combinations < _MOST_COMBINATIONS))
     frequent = [np.empty(0)]
     for index in chosen:
-        captures_dn = _Draws(camera.captures[first[index] : last[index] + 1]).dn(float(rates_e_s[index]))
+        counting = slice(first[index], last[index] + 1)
+        captures_dn = _Draws(camera.captures[counting]).dn(rates_e_s[index, counting].tolist())
         values, count = np.unique(_merged(camera, captures_dn, int(first[index])), return_counts=True)
         frequent.append(values[count >= _FREQUENT])
     return np.unique(np.concatenate(frequent))
@@ -237,15 +271,15 @@ class _Draws:
         order = (capture.sensor.dark_current_e_s / capture.sensor.dsnu_e_s) ** 2
         return gamma_quantile(order, len(self.quantiles), dimension)
 
-    def dn(self, rate_e_s: float) -> list[FloatArray]:
-        """DN of each capture at a rate of the sensor's own photodiode."""
+    def dn(self, rates_e_s: Sequence[float]) -> list[FloatArray]:
+        """DN of each capture at its rate of the sensor's own photodiode."""
         charges: dict[int, FloatArray] = {}
         values = []
         for number, capture in enumerate(self.captures):
             sensor = capture.sensor
             if capture.charge not in charges:
                 gain = np.maximum(1 + sensor.prnu_rel * self._normal("gain", capture.photodiode), 0.0)
-                light_e = rate_e_s * capture.light_share * capture.exposure_s
+                light_e = rates_e_s[number] * capture.light_share * capture.exposure_s
                 mean_e = light_e * gain + capture.dark_e * self._dark(capture)
                 dimension = self.quantiles["charge", capture.charge]
                 charges[capture.charge] = poisson_quantile(mean_e, len(self.quantiles), dimension)

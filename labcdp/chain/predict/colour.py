@@ -15,9 +15,10 @@ from ..chain import Chain
 from ..colour import seen_sensor
 from .camera import CameraModel
 from .capture_table import capture_table
-from .chain import camera_of_stage, plane_rates, scene_levels, scenes_of_cells, sensor_of_stage, veil_lx
 from .mixed_pixels import is_mixed
 from .quantiles import normal_points
+from .rates import plane_rates, scene_levels, scenes_of_cells, veil_lx
+from .stage import camera_of_stage, sensor_of_stage
 from .value_table import value_table
 
 FloatArray = NDArray[np.float64]

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core.errors import InputError
-from ..lamp import PulsedLamp
+from ..lamp import CaptureTime, PulsedLamp
 from ..parameters import Fraction, Luminance, Number, Ratio, Whole
-from .scene import Levelled
+from .scene import Level, Levelled
 
 #: Seeds of the phase stand apart from those of the noise.
 _PHASE_KEY = 0x6C616D70
@@ -35,7 +35,7 @@ class LampScene(Levelled):
     frequency_hz, duty, off_level
         As of `labcdp.chain.PulsedLamp`.
     phase : float or None
-        Phase of the lamp at which the exposure begins, in periods after the start of a pulse; None for one at random:
+        Phase of the lamp at which the frame begins, in periods after the start of a pulse; None for one at random:
         by the seed in a simulation, all with the same probability in a prediction.
 
     Raises
@@ -45,10 +45,12 @@ class LampScene(Levelled):
 
     Examples
     --------
-    >>> from labcdp.chain import LampScene
+    >>> from labcdp.chain import CaptureTime, LampScene
     >>> scene = LampScene(40, 30, 20.0, 2.0, side_px=10, frequency_hz=90, duty=0.1, phase=0.5)
-    >>> scene.exposed(0.001).luminance_cd_m2, scene.exposed(1 / 90).luminance_cd_m2  # between pulses, and over a period
-    (0.0, 20.0)
+    >>> scene.seen_by(CaptureTime(0.001, 0.0)).luminance_cd_m2  # between two pulses
+    0.0
+    >>> scene.seen_by(CaptureTime(1 / 90, 0.0)).luminance_cd_m2  # over a period
+    20.0
     """
 
     luminance_cd_m2: Luminance
@@ -72,29 +74,29 @@ class LampScene(Levelled):
         """The lamp without its surroundings."""
         return PulsedLamp(self.frequency_hz, self.duty, self.off_level)
 
-    def exposed(self, exposure_s: float, seed: int = 0) -> LampScene:
-        """Return the steady scene that has the light of a frame.
+    def seen_by(self, time: CaptureTime, seed: int = 0) -> LampScene:
+        """Return the steady scene that has the light of a capture.
 
         Parameters
         ----------
-        exposure_s : float
-            Exposure time.
+        time : CaptureTime
+            Exposure time, and start after that of the frame.
         seed : int
-            Decides a phase at random.
+            Decides a phase at random, the same for all captures of a frame.
         """
         phase = self.phase
         if phase is None:
             phase = float(np.random.default_rng([_PHASE_KEY, seed]).uniform())
-        share = self.lamp.collected(exposure_s, phase) / exposure_s / self.lamp.mean_level
+        collected_s = self.lamp.collected(time.exposure_s, phase + time.start_s * self.frequency_hz)
         # Rounding of an integral of pulses is no light.
-        luminance = round(self.luminance_cd_m2 * share, 12)
+        luminance = round(self.luminance_cd_m2 * (collected_s / time.exposure_s / self.lamp.mean_level), 12)
         return replace(self, luminance_cd_m2=luminance, duty=1.0)
 
-    def at_phases(self, n: int) -> list[LampScene]:
-        """Return the scene at so many phases at equal distances, or as it is if its phase is known."""
-        if self.phase is not None:
-            return [self]
-        return [replace(self, phase=(index + 0.5) / n) for index in range(n)]
+    def levels(self) -> Sequence[Level]:
+        """Return the level of each region that is seen, with its share of the area."""
+        lamp, every = self.side_px**2, self.width * self.height
+        rows = (("background", self.background_cd_m2, every - lamp), ("lamp", self.luminance_cd_m2, lamp))
+        return tuple(Level(name, luminance, count / every) for name, luminance, count in rows if count)
 
     def layout(self) -> tuple[Mapping[str, float], NDArray[np.intp]]:
         """Return the surroundings as ``background``, and the ``lamp`` with its mean luminance over time."""
@@ -109,22 +111,3 @@ class LampScene(Levelled):
             return ()
         names = ("background", "lamp")
         return (names if self.luminance_cd_m2 > self.background_cd_m2 else names[::-1],)
-
-
-def light_of_frame(scene: Any, exposures_s: Sequence[float], seed: int) -> Any:
-    """Return the scene whose light a frame has: that of the exposure for a pulsed lamp, else the scene itself.
-
-    Raises
-    ------
-    InputError
-        If captures of different exposure times see a pulsed lamp.
-    """
-    if not isinstance(scene, LampScene) or not exposures_s:
-        return scene
-    times = sorted(set(exposures_s))
-    if len(times) > 1:
-        raise InputError(
-            f"captures of {times[0]:g} s to {times[-1]:g} s see different light of a pulsed lamp: give one exposure "
-            "time, or predict its flicker with labcdp.chain.PulsedLamp.flicker"
-        )
-    return scene.exposed(times[0], seed)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...chain import Chain, LampScene
+from ...chain.lamp import flicker_of_light
 from ...core.errors import InputError, PredictionError
 from ...core.result import Finding, InputFile, Result, info
 from ...core.table import Column, Table, attributes_of
@@ -138,18 +139,21 @@ def _axis_attributes(axis: Axis) -> dict[str, str]:
 def _block(chains: Sequence[Chain], stage: str | None, limits: Mapping[str, float]) -> list[dict[str, float]]:
     """Predict cells of chains that differ in their scene only."""
     from ...chain.predict.chain import predict_chain
+    from ...chain.predict.lamp import capture_times
+    from ...chain.predict.stage import sensor_of_stage
 
-    times = chains[0].exposures_s
-    if not times:
+    if not chains[0].sensors:
         raise InputError("the chain has no sensor: add one, with exposure_s")
-    if len(times) > 1:
-        raise PredictionError(
-            f"the captures take {times[0]:g} to {times[-1]:g} s: give one exposure time, or predict them with "
-            "labcdp.chain.PulsedLamp.flicker"
-        )
+    sensor, name = sensor_of_stage(chains[0], stage or chains[0].stage_names[-1])
+    times = capture_times(chains[0], sensor, name)
     scenes = [chain.scene for chain in chains if isinstance(chain.scene, LampScene)]
+    if len(times) > 1:
+        return _merged_block(chains[0], scenes, stage or chains[0].stage_names[-1], limits)
     hows = [{**limits, "n_rows": scene.side_px if limits["row_time_s"] else 1} for scene in scenes]
-    lights = [scene.lamp.flicker(times[0], **how) for scene, how in zip(scenes, hows, strict=True)]  # type: ignore[arg-type]
+    lights = [
+        scene.lamp.flicker(times[0].exposure_s, **how)  # type: ignore[arg-type]
+        for scene, how in zip(scenes, hows, strict=True)
+    ]
     brightest = [
         scene.luminance_cd_m2 * light.maximum / light.mean for scene, light in zip(scenes, lights, strict=True)
     ]
@@ -168,9 +172,34 @@ def _block(chains: Sequence[Chain], stage: str | None, limits: Mapping[str, floa
     for index, (scene, how) in enumerate(zip(scenes, hows, strict=True)):
         noise_rel = 1 / (float(snr[index]) * scene.side_px) if isfinite(snr[index]) and snr[index] > 0 else nan
         known = noise_rel if isfinite(noise_rel) else 0.0
-        flicker = scene.lamp.flicker(times[0], noise_rel=known, **how)  # type: ignore[arg-type]
+        flicker = scene.lamp.flicker(times[0].exposure_s, noise_rel=known, **how)  # type: ignore[arg-type]
         values = {name: getattr(flicker, name) for name in ("mmp", "fmi", "fdi")}
         cells.append({**values, "noise_rel": noise_rel, "saturated": float(full[index])})
+    return cells
+
+
+def _merged_block(
+    chain: Chain, scenes: Sequence[LampScene], stage: str, limits: Mapping[str, float]
+) -> list[dict[str, float]]:
+    """Predict cells of captures that are merged, each of which sees the lamp at its own time."""
+    from ...chain.predict.lamp import lamp_signals
+
+    if limits["row_time_s"]:
+        raise PredictionError(
+            "a rolling shutter of several captures cannot be predicted: leave row_time_s out, or predict it with "
+            "labcdp.chain.PulsedLamp.flicker"
+        )
+    cells = []
+    for scene, seen in zip(scenes, lamp_signals(chain, scenes, stage), strict=True):
+        mean, noise = (
+            float(np.trapezoid(values, seen.phases))
+            for values in (seen.mean_dn, np.sqrt(seen.variance_dn2) / scene.side_px)
+        )
+        how = (limits["threshold"], limits["tolerance"])
+        off = seen.off_dn if scene.off_level else 0.0
+        flicker = flicker_of_light(seen.phases, seen.mean_dn, mean, off, noise, *how)
+        values = {name: getattr(flicker, name) for name in ("mmp", "fmi", "fdi")}
+        cells.append({**values, "noise_rel": noise / mean, "saturated": float(seen.saturated.max())})
     return cells
 
 

@@ -121,7 +121,7 @@ class VideoFlickerOptions(FlickerOptions):
     flicker
         Evaluate how the light of each region flickers from frame to frame instead of CDP: FMI, MMP and FDI.
     off_frames
-        Frames with the lamp off, for example 0:25, which give the light without it for the FDI.
+        Frames with the lamp off, for example 0:25, also before --start; they give the light without it for the FDI.
     flicker_threshold
         Excess over that light from which a frame shows the lamp, for the FDI; default: 10%.
     """

@@ -16,6 +16,7 @@ from ...core.disk.journal import Row
 from ...core.errors import InputError
 from ...core.result import Finding, InputFile, warning
 from ...core.table import Column, attributes_of, values_of
+from ...files.video.selection import Position, Selection
 from ...files.video.source import VideoSource
 from ...metrics.region import SATURATED_SHARE
 from ...output import Destination, results_journal
@@ -34,7 +35,7 @@ from ..video.dataset import (
 )
 from ..video.evaluate import JOURNAL, converter_findings, opened_for, require_regions_in
 from ..video.findings import video_findings
-from ..video.run import PartRun, TrackedFrame, VideoRun, region_mean
+from ..video.run import PartRun, TrackedFrame, VideoRun, is_end, region_mean
 from ..video.settings import Progress, evaluation_head, video_configuration
 from .settings import FlickerSettings, off_frames_error
 
@@ -125,7 +126,9 @@ def record_regions(
         part = RegionRun(settings, converter, None, journal, None)
         VideoRun(source, converter, [part]).run(progress)
         n_frames = len(journal) - (part.end is not None)
-        columns = _columns(list(islice(journal.rows(), n_frames)), len(settings.rois))
+        rows = list(islice(journal.rows(), n_frames))
+        rows = [*_earlier_off_frames(source, converter, settings, rows[0]["frame"]), *rows]
+        columns = _columns(rows, len(settings.rois))
         if not np.isfinite(columns["mean"]).any():
             journal.discard()
             raise InputError(
@@ -150,6 +153,20 @@ def record_regions(
     return _dataset(columns, [roi.name for roi in settings.rois], converter.unit, attributes)
 
 
+def _earlier_off_frames(
+    source: VideoSource, converter: Converter, settings: FlickerSettings, start: int
+) -> list[Row]:
+    """Measure the frames with the lamp off before the `start`, whose regions are where they are in that frame."""
+    if settings.off_frames is None or settings.off_frames[0] >= start:
+        return []
+    first, stop = settings.off_frames
+    before = Selection(Position(frames=first), Position(frames=min(stop, start)))
+    with results_journal(None, "video", JOURNAL, {}, "evaluation") as journal:
+        part = RegionRun(replace(settings, method="fixed", selection=before), converter, None, journal, None)
+        VideoRun(source, converter, [part]).run(None)
+        return [row for row in journal.rows() if not is_end(row)]
+
+
 def _require_off_frames(source: VideoSource, settings: FlickerSettings) -> None:
     """Refuse frames with the lamp off that are none of those evaluated, or all, before the first one."""
     if settings.off_frames is None or source.is_estimate:
@@ -159,7 +176,7 @@ def _require_off_frames(source: VideoSource, settings: FlickerSettings) -> None:
     ends = [end for end in (source.frame_count, stop_before) if end is not None]
     begin, end = chosen.start.frames or 0, min(ends, default=None)
     first, stop = settings.off_frames
-    if end is not None and (first >= end or stop <= begin or (first <= begin and stop >= end)):
+    if end is not None and (first >= end or (first <= begin and stop >= end)):
         raise off_frames_error(first, stop, begin, end - 1)
 
 

@@ -18,7 +18,8 @@ class FlickerSettings(VideoSettings):
     ----------
     off_frames : (int, int) or None
         First frame with the lamp off, and the one before which such frames end, by their numbers; None for none. They
-        give the light without the lamp, and do not count otherwise.
+        give the light without the lamp, and do not count otherwise. They may be before the first evaluated frame:
+        the regions are then taken where they are in that one.
     threshold, tolerance : float
         As of `labcdp.flicker`, fractions.
     frequency_hz : float or None

@@ -250,6 +250,18 @@ def test_frames_with_the_lamp_off_that_are_none_are_refused_before_the_first_fra
     assert not seen
 
 
+@pytest.mark.parametrize("start", [Position(100), Position(seconds=4.0)])
+@pytest.mark.parametrize("off_frames", [(0, 25), (10, 30)])
+def test_frames_with_the_lamp_off_may_be_before_the_first_evaluated_one(frames, video, off_frames, start):
+    dataset, (lamp, _) = evaluate_flicker(video, settings(off_frames=off_frames, selection=Selection(start)))
+    means = np.array([frame[10:34, 10:34].mean() for frame in frames]) / 256
+    x, off = means[100:], means[slice(*off_frames)].mean()
+    assert dataset["frame"].values.tolist() == [*range(*off_frames), *range(100, 330)]
+    assert lamp.off.value == pytest.approx(off)
+    assert lamp.flicker.fdi.value == pytest.approx((x > 1.1 * off).mean())
+    assert lamp.flicker.mmp.value == pytest.approx((abs(x - x.mean()) < 0.1 * x.mean()).mean())
+
+
 def test_a_pulsed_lamp_that_disturbs_a_cdp_is_named(video, tmp_path):
     pair = VideoSettings((1.0,), (LAMP, STEADY), "fixed", encoding="linear")
     findings = json.loads(evaluate_video(video, pair).attrs["findings"])

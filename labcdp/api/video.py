@@ -206,8 +206,8 @@ class Video:
         regions, method, start, stop, every
             As for `track`.
         off_frames : (int, int) or None
-            First frame with the lamp off, and the one before which such frames end; they give the light without it. They
-            may be before `start`, with the regions where they are in that frame.
+            First frame with the lamp off, and the one before which such frames end; they give the light without it.
+            They may be before `start`, with the regions where they are in that frame.
         threshold, tolerance, frequency_hz
             As for `labcdp.flicker`.
         progress : callable or None

@@ -109,6 +109,23 @@ def test_colours_become_the_luminance_of_their_matrix_and_transfer(tmp_path, kin
     np.testing.assert_array_equal(found.pixels.part(np.s_[3:17, 5:22]).dn, found.frame.dn[3:17, 5:22])
 
 
+@pytest.mark.parametrize("encoding", ["srgb", "linear"])
+def test_dark_colours_are_not_rounded_to_8_bits(tmp_path, encoding):
+    """Of a limited range, values just above black were off by up to 14 % (17 as 1 of 255, which is 1.16)."""
+    luma = np.tile(np.arange(17, 49, dtype=np.uint16), (24, 1))
+    chroma = np.full((24, 32), 128, np.uint16)
+    chroma[:, -1] = 140  # so that it has colours
+    path = write(tmp_path / "a.mkv", "ffv1", "yuv444p", [(luma, chroma, chroma)] * 2, color_range=LIMITED)
+    seen = next(iter(frames(path, encoding=encoding))).frame.dn[:, :-1] / 65535
+    value = (luma[:, :-1] - 16.0) / 219
+    light = value if encoding == "linear" else np.where(
+        value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4
+    )  # fmt: skip
+    # Half a step of the 12 bits of a colour, and of the 16 bits of light.
+    half_step = 0.5 / 4095 / value / (1 if encoding == "linear" else 1 / 2.4) + 0.5 / 65535 / light
+    np.testing.assert_array_less(np.abs(seen / light - 1), half_step + 1e-6)
+
+
 @pytest.mark.parametrize("code", [8, 10, 14])
 def test_colours_of_another_matrix_are_refused_and_greys_read(tmp_path, code):
     y = np.full((16, 16), 100, np.uint8)

@@ -21,6 +21,7 @@ from ...files.video.source import VideoSource
 from ...metrics.region import SATURATED_SHARE
 from ...output import Destination, results_journal
 from ...tracking import TrackedRoi
+from ..picture.converter import Converter
 from ..video.dataset import (
     FINDINGS,
     LIGHT,
@@ -153,9 +154,7 @@ def record_regions(
     return _dataset(columns, [roi.name for roi in settings.rois], converter.unit, attributes)
 
 
-def _earlier_off_frames(
-    source: VideoSource, converter: Converter, settings: FlickerSettings, start: int
-) -> list[Row]:
+def _earlier_off_frames(source: VideoSource, converter: Converter, settings: FlickerSettings, start: int) -> list[Row]:
     """Measure the frames with the lamp off before the `start`, whose regions are where they are in that frame."""
     if settings.off_frames is None or settings.off_frames[0] >= start:
         return []

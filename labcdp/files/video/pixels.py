@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.companding import Companding
 from ...core.dn import look_up
 from ...core.errors import InputError
 from ...core.luminance import WHOLE, Window
@@ -55,6 +56,8 @@ _HD_ROWS = 720
 _COLOURED = 1
 #: Later frames in colours from which the others are too.
 _LEAST_COLOURED = 2
+#: Bits more that red, green and blue have than the Y', Cb and Cr that they follow from.
+_FINER_BITS = 4
 _SUBSAMPLING = {(1, 1): "444", (2, 1): "422", (2, 2): "420", (4, 1): "411", (4, 4): "410", (1, 2): "440"}
 
 
@@ -184,8 +187,8 @@ class Pixels:
         luma = planes[0][top * down : rows.stop, left * across : columns.stop]
         # Copies are of one kind, whether the decoder's memory is read-only or not: there is one kernel to compile.
         luma, blue, red = (plane.copy() for plane in (luma, planes[1][of_colour], planes[2][of_colour]))
-        light = light_tables(self.bits, self.stored, self.of_light)
-        luminance, clipped = luminance_of_ycbcr(luma, blue, red, (down, across), self._parts, light)
+        light = light_tables(self._colour_bits, self.stored, self.of_light)
+        luminance, clipped = luminance_of_ycbcr(luma, blue, red, (down, across), self._parts, light, self._clips_from)
         inner = np.s_[rows.start - top * down :, columns.start - left * across :]
         return luminance[inner], clipped[inner]
 
@@ -201,6 +204,21 @@ class Pixels:
         values = np.arange(2**self.bits, dtype=float)
         return (values / 2 ** (self.bits - 8) - 16) * (2**self.bits - 1) / 219 if self.limited else values
 
+    @property
+    def _colour_bits(self) -> int:
+        """Bits of red, green and blue that follow from Y', Cb and Cr: rounded to `bits`, dark ones were off by 14 %."""
+        return self.bits if isinstance(self.stored, Companding) else min(self.bits + _FINER_BITS, 16)
+
+    @property
+    def _colour_step(self) -> float:
+        """Steps of red, green and blue for each of Y'."""
+        return float((2**self._colour_bits - 1) / (2**self.bits - 1))
+
+    @property
+    def _clips_from(self) -> int:
+        """Value of a colour from which it would be the highest one of `bits`."""
+        return int((2**self.bits - 1.5) * self._colour_step + 0.5)
+
     @cached_property
     def _parts(self) -> NDArray[np.float32]:
         """Y' by value, and what Cr adds to red and green, Cb to green and blue (ITU-T H.273, 8.3)."""
@@ -211,7 +229,7 @@ class Pixels:
             chroma *= (2**self.bits - 1) / (224 * 2 ** (self.bits - 8))
         red, blue = 2 * (1 - k_r) * chroma, 2 * (1 - k_b) * chroma
         parts = np.array([self._grey, red, -k_r / k_g * red, -k_b / k_g * blue, blue])
-        return parts.astype(np.float32)
+        return (parts * self._colour_step).astype(np.float32)
 
 
 def _matrix(frame: Any, coloured: bool) -> tuple[float, float] | None:

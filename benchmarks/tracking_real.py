@@ -55,7 +55,7 @@ class Csrt:
         return (x + width / 2, y + height / 2) if found else None
 
 
-KINDS = (Ours, Csrt)
+KINDS: tuple[type[Ours | Csrt], ...] = (Ours, Csrt)
 
 
 class Timed:

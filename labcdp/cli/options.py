@@ -159,12 +159,12 @@ class FlickerOptions:
     flicker_tolerance: Annotated[float | None, As(parse=fraction_of_percent)] = None
     lamp_frequency: Annotated[float | None, As(parse=parse_hertz)] = None
 
-    def require(self) -> None:
+    def require_flicker(self) -> None:
         """Refuse options without ``--flicker``; raises InputError."""
-        if self.given() and not self.flicker:
+        if self.flicker_limits() and not self.flicker:
             raise InputError("limits of flicker, frames with the lamp off and its frequency need --flicker: give it")
 
-    def given(self) -> dict[str, Any]:
+    def flicker_limits(self) -> dict[str, Any]:
         """Return what is given besides `flicker`, by the parameters of `labcdp.flicker`."""
         values = {
             "threshold": self.flicker_threshold,
@@ -298,7 +298,7 @@ class ClusterOptions:
     cluster_tls: tuple[Path, Path, Path] | None = None
     workers: Annotated[int | None, As(least=1)] = None
 
-    def chosen(self) -> Workers:
+    def chosen_workers(self) -> Workers:
         """Return the workers of this computer or the cluster."""
         from ..core.cluster import TlsFiles, Workers
 

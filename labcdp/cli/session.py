@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from functools import partial
 from math import isclose
 from pathlib import Path
@@ -75,8 +75,9 @@ class FitOptions:
     certificate: Certificate = None
 
     def configuration(self) -> dict[str, Any]:
-        """Return the options as values JSON can hold."""
-        return {name: str(value) if isinstance(value, Path) else value for name, value in vars(self).items()}
+        """Return the options of the fit as values JSON can hold."""
+        values = {field.name: getattr(self, field.name) for field in fields(FitOptions)}
+        return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
 
     def uniform_light(self, session: Session, report: Callable[[int, int], None]) -> UniformLight | None:
         """Read the session recorded with uniform light, None if there is none; raises InputError."""
@@ -169,7 +170,12 @@ class CalibrationOptions:
         return whole_result(self.against, content)
 
 
-def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path, ...] = ()) -> None:
+@dataclass(frozen=True)
+class CalibrateOptions(Results, FitOptions):
+    """Options of the command."""
+
+
+def calibrate(options: CalibrateOptions, session: Path, more: tuple[Path, ...] = ()) -> None:
     """Fit the camera's conversion from DN to cd/m², save it, and report its uncertainty.
 
     Hot pixels and the dark pattern are measured in the session's dark frames. The pattern is subtracted, also from
@@ -183,20 +189,20 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         Further sessions of the same camera and lens, at other gains or temperatures.
     """
     opened = Session.open(session)
-    of_meter = None if fit.certificate is None else MeterCertificate.load(fit.certificate)
-    with results.folder(session) as folder:
+    of_meter = None if options.certificate is None else MeterCertificate.load(options.certificate)
+    with options.folder(session) as folder:
         with progress_bars() as bars:
 
             def report(what: str) -> Callable[[int, int], None]:
                 return partial(bars.set, what)
 
-            uniform = fit.uniform_light(opened, report("flat field"))
+            uniform = options.uniform_light(opened, report("flat field"))
             observed, calibration = calibrate_recorded(
                 [opened, *(Session.open(path) for path in more)],
                 uniform,
-                without=fit.without,
-                held_out=fit.hold_out,
-                bracket=fit.response is not None,
+                without=options.without,
+                held_out=options.hold_out,
+                bracket=options.response is not None,
                 certificate=of_meter,
                 report=report,
             )
@@ -204,8 +210,8 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         save(calibration, folder.path(path.name))
         keep_observations(observed, folder.path(OBSERVATIONS))
         inputs = [session_input(opened), *(session_input(Session.open(path)) for path in more)]
-        options = {"output": str(folder.folder), **fit.configuration()}
-        result = calibration_result(calibration, opened.configuration.name, inputs, options)
+        configuration = {"output": str(folder.folder), **options.configuration()}
+        result = calibration_result(calibration, opened.configuration.name, inputs, configuration)
         written = folder.add(calibration_files(calibration, result))
         saved = SavedFile.of(folder.path(path.name))
         certified = calibration_certificate(observed[0], calibration, saved)
@@ -213,25 +219,35 @@ def calibrate(fit: FitOptions, results: Results, session: Path, more: tuple[Path
         if (digital := calibration_dcc(observed[0], calibration, saved)) is not None:
             files["certificate.xml"] = digital
         written += folder.add(files)
-    chosen = "" if results.output is None else f" --calibration {shell_word(path)}"
+    chosen = "" if options.output is None else f" --calibration {shell_word(path)}"
     following = (
         f"Saved: {', '.join(str(p) for p in (path, *written))}",
         f"Next: labcdp evaluate {shell_word(session)}{chosen}",
     )
-    results.print(result, *following, page=folder.folder / "calibration.html")
+    options.print(result, *following, page=folder.folder / "calibration.html")
 
 
-def evaluate(
-    by: CalibrationOptions,
-    options: ContrastOptions,
-    flicker: FlickerOptions,
-    results: Results,
-    session: Path | None = None,
-    *,
-    chart: Path | None = None,
-    corners: Annotated[tuple[tuple[float, float], ...] | None, As(parse=parse_corners)] = None,
-    colours: bool = False,
-) -> None:
+@dataclass(frozen=True)
+class EvaluateOptions(Results, FlickerOptions, ContrastOptions, CalibrationOptions):
+    """Options of the evaluation.
+
+    Parameters
+    ----------
+    chart
+        Chart file (TOML, see labcdp init chart) of the target: all its patches against all, and the dynamic range.
+        A chart without values has the luminances that the meter read of the session's patches of the same names.
+    corners : "X,Y X,Y X,Y X,Y"
+        Corners of the chart in pixels; default: the session's regions with the names of its patches, or its marks.
+    colours
+        Also tell how well the colours of the patches of each pair can be told apart, behind a colour filter.
+    """
+
+    chart: Path | None = None
+    corners: Annotated[tuple[tuple[float, float], ...] | None, As(parse=parse_corners)] = None
+    colours: bool = False
+
+
+def evaluate(options: EvaluateOptions, session: Path | None = None) -> None:
     """Compute luminance and contrast detection probability of a session's patches.
 
     The exit status is 3 if a patch fails the limits_cd_m2 of the plan, 4 if one is undecided.
@@ -242,53 +258,46 @@ def evaluate(
     ----------
     session
         Folder of the session; default with --recalibrate: the session that ships with labcdp.
-    chart
-        Chart file (TOML, see labcdp init chart) of the target: all its patches against all, and the dynamic range.
-        A chart without values has the luminances that the meter read of the session's patches of the same names.
-    corners : "X,Y X,Y X,Y X,Y"
-        Corners of the chart in pixels; default: the session's regions with the names of its patches, or its marks.
-    colours
-        Also tell how well the colours of the patches of each pair can be told apart, behind a colour filter.
     """
-    require_together({"--corners": corners}, {"--chart": chart})
-    flicker.require()
-    if session is None and not by.recalibrate:
+    require_together({"--corners": options.corners}, {"--chart": options.chart})
+    options.require_flicker()
+    if session is None and not options.recalibrate:
         raise InputError("no session: give its folder, or --recalibrate for the session that ships with labcdp")
     source = session or example_session()
     opened = Session.open(source)
-    path = by.file(source)
-    recorded = by.recorded()
+    path = options.file(source)
+    recorded = options.recorded()
     requirement = options.requirement()
     contrasts = options.contrasts(opened.configuration, requirement)
-    with results.folder(source) as folder:
+    with options.folder(source) as folder:
         with progress_bar("reading") as report:
             loaded = None if path is None else load_any(path)
             evaluation = evaluate_session(
                 *observe_calibrated(opened, loaded, options.without, report, beside=path), contrasts
             )
-        if chart is not None:
-            evaluation = _with_chart(evaluation, chart, corners, options)
-        if colours:
+        if options.chart is not None:
+            evaluation = _with_chart(evaluation, options)
+        if options.colours:
             from ..evaluate.bench.colours import session_colours
 
             evaluation = replace(evaluation, colours=session_colours(evaluation))
-        if flicker.flicker:
+        if options.flicker:
             from ..evaluate.bench.flicker import session_flicker
 
             with progress_bar("flicker") as report:
-                measured = session_flicker(evaluation, report=report, **flicker.given())
+                measured = session_flicker(evaluation, report=report, **options.flicker_limits())
             evaluation = replace(evaluation, flicker=measured)
-        files = {"calibration": path, "requirement": options.require, "chart": chart}
+        files = {"calibration": path, "requirement": options.require, "chart": options.chart}
         inputs = [InputFile.of(role, path) for role, path in files.items() if path is not None]
         result = session_result(evaluation, inputs, requirement=requirement)
-        if by.against is not None and recorded is not None:
-            _require_same(result, recorded, by.against)
+        if options.against is not None and recorded is not None:
+            _require_same(result, recorded, options.against)
         if path is None:
             save(evaluation.calibration, folder.path("calibration.json"))
         written = folder.add(session_files(evaluation, result))
-    results.print(result, f"Written: {', '.join(map(str, written))}", page=folder.folder / "report.html")
-    if by.against is not None:
-        say(f"Agrees with {by.against} within rounding")
+    options.print(result, f"Written: {', '.join(map(str, written))}", page=folder.folder / "report.html")
+    if options.against is not None:
+        say(f"Agrees with {options.against} within rounding")
     verdicts = {row.patch.name: row.limit_verdict for row in evaluation.patches}
     if not set(verdicts.values()) <= {None, "pass"}:
         missed = [f"{name} ({verdict})" for name, verdict in verdicts.items() if verdict not in (None, "pass")]
@@ -303,18 +312,14 @@ def evaluate(
         raise typer.Exit(REQUIREMENT_STATUS[worst])
 
 
-def _with_chart(
-    evaluation: SessionEvaluation,
-    chart: Path,
-    corners: tuple[tuple[float, float], ...] | None,
-    options: ContrastOptions,
-) -> SessionEvaluation:
+def _with_chart(evaluation: SessionEvaluation, options: EvaluateOptions) -> SessionEvaluation:
     """Return an evaluated session with its target as a chart; raises InputError."""
     from ..evaluate.bench.chart import session_chart
     from ..evaluate.chart.chart_file import load_chart
 
+    assert options.chart is not None
     tolerance = {} if options.epsilon is None else {"epsilon": options.epsilon}
-    measured = session_chart(evaluation, load_chart(chart)[0], corners, options.contrast, **tolerance)
+    measured = session_chart(evaluation, load_chart(options.chart)[0], options.corners, options.contrast, **tolerance)
     return replace(evaluation, chart=measured)
 
 

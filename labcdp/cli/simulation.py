@@ -129,7 +129,7 @@ def sweep(
     wanted = Sweep(loaded, over, options.exact, stage, one_or_all(options.contrast), options.epsilon, options.seed)
     with results.folder(chain) as folder:
         with progress_bar("Cells") as report:
-            dataset = run_sweep(wanted, folder, report, where.chosen())
+            dataset = run_sweep(wanted, folder, report, where.chosen_workers())
         analysis = analyse_map(dataset, expected=known_transitions(loaded, wanted.stage))
         result = sweep_result(dataset, analysis, _inputs(chain, loaded), wanted.findings())
         folder.add(map_files(result, dataset, analysis))

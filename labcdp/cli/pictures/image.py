@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -27,7 +27,6 @@ from ..options import Results, end_by_requirement, require_together
 from ..terminal import print_result, progress_bars, say
 from .options import (
     ChartOptions,
-    PairOptions,
     PictureLightOptions,
     each_once,
     parse_pairs,
@@ -51,31 +50,12 @@ def _rectangle(text: str, name: str) -> tuple[int, int, int, int]:
     return x0, y0, x1, y1
 
 
-def image(
-    pairs: PairOptions,
-    charts: ChartOptions,
-    light: PictureLightOptions,
-    results: Results,
-    files: tuple[Path, ...],
-    *,
-    rectangle: Annotated[tuple[int, int, int, int] | None, As(parse=_rectangle)] = None,
-    dark_surroundings: Path | None = None,
-    colours: bool = False,
-    pages: bool = True,
-    surface: bool = False,
-) -> None:
-    """Compute contrast detection probability (CDP), contrast, SNR and CSNR of regions in pictures.
-
-    Without --contrast, the CDP of the measured contrast of each pair is computed. Without calibration and camera
-    specification, luminance is relative, and contrasts of regions at different places include the lens's vignetting.
-    Writes a page, a spreadsheet and JSON.
-
-    Example: labcdp image night-*.png --roi rois.json --contrast 10%:200%:20
+@dataclass(frozen=True)
+class ImageOptions(Results, PictureLightOptions, ChartOptions):
+    """Options of the command.
 
     Parameters
     ----------
-    files : FILE...
-        Image files (PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dumps), or folders of them.
     rectangle : X0,Y0,X1,Y1
         Compute the nearest-neighbour CDP inside a rectangle, given by two corner pixels.
     dark_surroundings
@@ -89,25 +69,44 @@ def image(
     surface
         Also write a page with the luminance as an interactive surface, 6 MB per picture.
     """
-    if surface and not pages:
+
+    rectangle: Annotated[tuple[int, int, int, int] | None, As(parse=_rectangle)] = None
+    dark_surroundings: Path | None = None
+    colours: bool = False
+    pages: bool = True
+    surface: bool = False
+
+
+def image(options: ImageOptions, files: tuple[Path, ...]) -> None:
+    """Compute contrast detection probability (CDP), contrast, SNR and CSNR of regions in pictures.
+
+    Without --contrast, the CDP of the measured contrast of each pair is computed. Without calibration and camera
+    specification, luminance is relative, and contrasts of regions at different places include the lens's vignetting.
+    Writes a page, a spreadsheet and JSON.
+
+    Example: labcdp image night-*.png --roi rois.json --contrast 10%:200%:20
+
+    Parameters
+    ----------
+    files : FILE...
+        Image files (PNG, JPEG, TIFF, OpenEXR, NPY, camera RAW, raw dumps), or folders of them.
+    """
+    if options.surface and not options.pages:
         raise InputError("--surface is a page: leave it out, or --no-pages")
     require_kind(files, no_picture)
-    settings, paths = (
-        _settings(pairs, charts, light, rectangle, dark_surroundings, colours),
-        each_once(picture_paths(files)),
-    )
-    with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
-        pictures, result = _evaluated(paths, settings, pages, surface, folder)
+    settings, paths = _settings(options), each_once(picture_paths(files))
+    with options.folder(files[0] if len(files) == 1 else "pictures") as folder:
+        pictures, result = _evaluated(paths, settings, folder, pages=options.pages, surface=options.surface)
         failed = [picture for picture in pictures if picture.source is None]
         good = len(failed) < len(pictures)
         if good:
             folder.add(summary_files(pictures, result, settings.converter.description))
     if good:
         # Failures are reported last.
-        shown = tuple(finding for finding in result.findings if results.as_json or finding.severity != "error")
-        page = "report.html" if pages or len(paths) > 1 else "results.xlsx"
-        results.show(replace(result, findings=shown), folder, page, "; also results.xlsx and results.json")
-    elif results.as_json:
+        shown = tuple(finding for finding in result.findings if options.as_json or finding.severity != "error")
+        page = "report.html" if options.pages or len(paths) > 1 else "results.xlsx"
+        options.show(replace(result, findings=shown), folder, page, "; also results.xlsx and results.json")
+    elif options.as_json:
         print_result(result)
     if failed:
         # Most messages already name the file.
@@ -132,43 +131,36 @@ def _failures(failed: Sequence[MeasuredPicture]) -> list[str]:
     return lines
 
 
-def _settings(
-    chosen: PairOptions,
-    charts: ChartOptions,
-    light: PictureLightOptions,
-    rectangle: tuple[int, int, int, int] | None,
-    dark_surroundings: Path | None,
-    colours: bool,
-) -> ImageSettings:
-    if rectangle is not None:
-        chosen = replace(chosen, neighbours=True)
-    of_chart = {"--corners": charts.corners, "--dark-surroundings": dark_surroundings}
-    require_together(of_chart, {"--chart": charts.chart})
+def _settings(options: ImageOptions) -> ImageSettings:
+    if options.rectangle is not None:
+        options = replace(options, neighbours=True)
+    of_chart = {"--corners": options.corners, "--dark-surroundings": options.dark_surroundings}
+    require_together(of_chart, {"--chart": options.chart})
     chart = None
-    if charts.chart is None:
-        rois, image_size, files = read_regions(chosen)
+    if options.chart is None:
+        rois, image_size, files = read_regions(options)
     else:
-        chart, rois, image_size, files = read_chart(charts, chosen)
+        chart, rois, image_size, files = read_chart(options)
     names = [roi.name for roi in rois] if chart is None else chart.names
-    files += [] if dark_surroundings is None else [InputFile.of("dark surroundings", dark_surroundings)]
-    files += [] if chosen.require is None else [InputFile.of("requirement", chosen.require)]
+    given = {"dark surroundings": options.dark_surroundings, "requirement": options.require}
+    files += [InputFile.of(role, path) for role, path in given.items() if path is not None]
     return ImageSettings(
-        **chosen.targets(),
+        **options.targets(),
         rois=rois,
-        pairs=parse_pairs(chosen, names) or None,
-        neighbours=chosen.neighbours,
-        rectangle=rectangle,
+        pairs=parse_pairs(options, names) or None,
+        neighbours=options.neighbours,
+        rectangle=options.rectangle,
         chart=chart,
-        dark_surroundings=dark_surroundings,
-        colours=colours,
-        converter=light.converter(),
+        dark_surroundings=options.dark_surroundings,
+        colours=options.colours,
+        converter=options.converter(),
         image_size=image_size,
-        inputs=(*files, *light.inputs()),
+        inputs=(*files, *options.inputs()),
     )
 
 
 def _evaluated(
-    paths: Sequence[Path], settings: ImageSettings, pages: bool, surface: bool, results: ResultsFolder
+    paths: Sequence[Path], settings: ImageSettings, results: ResultsFolder, *, pages: bool, surface: bool
 ) -> tuple[list[MeasuredPicture], Result]:
     """Process the pictures, on all cores if there are enough of them, and write their files.
 

@@ -189,8 +189,8 @@ def read_regions(options: PairOptions) -> tuple[tuple[Roi, ...], ImageSize | Non
 
 
 @dataclass(frozen=True)
-class ChartOptions:
-    """Options of pictures and videos of a chart.
+class ChartOptions(PairOptions):
+    """The same, and a chart.
 
     Parameters
     ----------
@@ -206,9 +206,7 @@ class ChartOptions:
     corners: Annotated[tuple[tuple[float, float], ...] | None, As(parse=parse_corners)] = None
 
 
-def read_chart(
-    charts: ChartOptions, pairs: PairOptions
-) -> tuple[Chart, tuple[Roi, ...], ImageSize | None, list[InputFile]]:
+def read_chart(options: ChartOptions) -> tuple[Chart, tuple[Roi, ...], ImageSize | None, list[InputFile]]:
     """Read the chart file, and where its patches are as far as that is given.
 
     Returns
@@ -224,17 +222,17 @@ def read_chart(
     """
     from ...evaluate.chart.chart_file import load_chart
 
-    assert charts.chart is not None
-    require_apart({"--corners": charts.corners}, {"--roi": pairs.roi})
-    chart, chart_files = load_chart(charts.chart)
-    if pairs.roi is None:
-        rois = chart.regions(charts.corners) if charts.corners is not None else ()
+    assert options.chart is not None
+    require_apart({"--corners": options.corners}, {"--roi": options.roi})
+    chart, chart_files = load_chart(options.chart)
+    if options.roi is None:
+        rois = chart.regions(options.corners) if options.corners is not None else ()
         return chart, rois, None, chart_files
-    drawn, image_size, files = read_regions(pairs)
+    drawn, image_size, files = read_regions(options)
     named = {roi.name: roi for roi in drawn}
     missing = [name for name in chart.names if name not in named]
     if missing:
-        raise InputError(f"--roi {pairs.roi} has no region {shown(missing[0])}: draw one for each patch of the chart")
+        raise InputError(f"--roi {options.roi} has no region {shown(missing[0])}: draw one for each patch of the chart")
     return chart, tuple(named[name] for name in chart.names), image_size, files + chart_files
 
 

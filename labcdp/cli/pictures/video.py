@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -88,22 +88,6 @@ class VideoPairOptions(PairOptions):
     colours: bool = False
 
 
-@dataclass(frozen=True)
-class MadeOptions:
-    """Options for what is made of each video besides its results.
-
-    Parameters
-    ----------
-    annotated
-        Also write a video with regions, tracking quality and CDP.
-    frames
-        Also write each evaluated frame as a PNG image.
-    """
-
-    annotated: bool = False
-    frames: bool = False
-
-
 def _frame_range(text: str, name: str) -> tuple[int, int]:
     """Return the first frame of a range and the one before which it ends; raises InputError."""
     first, colon, stop = text.partition(":")
@@ -128,23 +112,43 @@ class VideoFlickerOptions(FlickerOptions):
 
     off_frames: Annotated[tuple[int, int] | None, As(parse=_frame_range)] = None
 
-    def given(self) -> dict[str, Any]:
+    def flicker_limits(self) -> dict[str, Any]:
         """Return what is given besides `flicker`, by the names of `FlickerSettings`."""
         frames = {} if self.off_frames is None else {"off_frames": self.off_frames}
-        return frames | super().given()
+        return frames | super().flicker_limits()
 
 
-def video(
-    chosen: VideoPairOptions,
-    charts: ChartOptions,
-    flicker: VideoFlickerOptions,
-    light: LightOptions,
-    frames: FrameOptions,
-    made: MadeOptions,
-    where: ClusterOptions,
-    results: Results,
-    files: tuple[Path, ...],
-) -> None:
+@dataclass(frozen=True)
+class VideoOptions(
+    Results, ClusterOptions, FrameOptions, LightOptions, VideoFlickerOptions, ChartOptions, VideoPairOptions
+):
+    """Options of the command.
+
+    Parameters
+    ----------
+    annotated
+        Also write a video with regions, tracking quality and CDP.
+    frames
+        Also write each evaluated frame as a PNG image.
+    """
+
+    annotated: bool = False
+    frames: bool = False
+
+    def file_settings(self) -> dict[str, Any]:
+        """Return what is given about files, frames and the conversion to light, by the names of `VideoSettings`."""
+        return {
+            "selection": self.selection(),
+            "frame_rate_hz": self.frame_rate,
+            "damaged": self.damaged,
+            "calibration": self.calibration,
+            "camera": self.camera_spec,
+            "encoding": self.encoding,
+            **self.stated(),
+        }
+
+
+def video(options: VideoOptions, files: tuple[Path, ...]) -> None:
     """Compute the contrast detection probability between two regions for each frame of a video.
 
     The regions follow their objects; frames in which one is lost have no value. Without --contrast, the contrast
@@ -162,90 +166,81 @@ def video(
         Video files, folders of numbered images, recorded sessions; or a folder of video files.
     """
     require_kind(files, _no_video)
-    require_together({"--corners": charts.corners}, {"--chart": charts.chart})
-    require_apart({"--chart": charts.chart}, {"--flicker": flicker.flicker or None})
-    if flicker.flicker:
-        _flicker(chosen, flicker, light, frames, made, where, results, files)
+    require_together({"--corners": options.corners}, {"--chart": options.chart})
+    require_apart({"--chart": options.chart}, {"--flicker": options.flicker or None})
+    if options.flicker:
+        _flicker(options, files)
         return
-    flicker.require()
-    if charts.chart is not None:
-        _chart(chosen, charts, light, frames, made, where, results, files)
+    options.require_flicker()
+    if options.chart is not None:
+        _chart(options, files)
         return
-    if chosen.colours and chosen.roi is None:
+    if options.colours and options.roi is None:
         raise InputError("--colours compares regions: give them with --roi")
-    named, pairs, image_size = _regions(chosen)
-    common = _common(chosen, light, frames, image_size)
+    named, pairs, image_size = _regions(options)
+    common = VideoSettings(
+        **options.targets(),
+        image_size=image_size,
+        reference_by=options.reference_by,
+        colours=options.colours,
+        **options.file_settings(),
+    )
 
     def settings_of(*pair: str) -> VideoSettings:
-        how = chosen.method
+        how = options.method
         if pair:
             how = method_among(how, list(named), (pair[0], pair[1]))
-        return replace(common, rois=tuple(named[name] for name in pair), method=how, reference=chosen.reference)
+        return replace(common, rois=tuple(named[name] for name in pair), method=how, reference=options.reference)
 
     # Any two of many regions show whether all else is right.
     settings = settings_of(*(pairs[0] if pairs else ()))
     paths = _paths(files)
     of_pairs = {":".join(pair): settings_of(*pair) for pair in (pairs if len(pairs) > 1 else ())}
-    if len(paths) == 1 and where.cluster is None and not of_pairs:
-        folder = results.folder(paths[0])
+    if len(paths) == 1 and options.cluster is None and not of_pairs:
+        folder = options.folder(paths[0])
         with folder, progress_bars() as bars:
 
             def progress(done: int, total: int | None) -> None:
                 bars.set("Frames", done, done if total is None else total)
 
-            result = evaluate_and_write({"": settings}, made, paths[0], {"": folder}, progress)[""]
+            result = evaluate_and_write({"": settings}, options, paths[0], {"": folder}, progress)[""]
             if isinstance(result, LabcdpError):
                 raise result
-        results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+        options.show(result, folder, also="; also results.xlsx, results.nc and results.json")
         end_by_requirement(verdicts_of(result))
         return
-    folder = results.folder(files[0] if len(files) == 1 else "videos", resume=True)
-    _several(paths, settings, of_pairs, folder, made, where, results)
+    folder = options.folder(files[0] if len(files) == 1 else "videos", resume=True)
+    _several(paths, settings, of_pairs, folder, options)
 
 
-def _flicker(
-    chosen: VideoPairOptions,
-    flicker: VideoFlickerOptions,
-    light: LightOptions,
-    frames: FrameOptions,
-    made: MadeOptions,
-    where: ClusterOptions,
-    results: Results,
-    files: Sequence[Path],
-) -> None:
+def _flicker(options: VideoOptions, files: Sequence[Path]) -> None:
     """Evaluate the flicker of regions of a video."""
     from ...evaluate.flicker.page import evaluate_flicker, write_flicker
     from ...evaluate.flicker.settings import FlickerSettings
 
     others = {
-        "--pair": chosen.pair, "--neighbours": chosen.neighbours, "--contrast": chosen.contrast,
-        "--epsilon": chosen.epsilon, "--cdp-limit": chosen.cdp_limit, "--require": chosen.require,
-        "--reference": chosen.reference, "--colours": chosen.colours, "--annotated": made.annotated,
-        "--frames": made.frames,
+        "--pair": options.pair, "--neighbours": options.neighbours, "--contrast": options.contrast,
+        "--epsilon": options.epsilon, "--cdp-limit": options.cdp_limit, "--require": options.require,
+        "--reference": options.reference, "--colours": options.colours, "--annotated": options.annotated,
+        "--frames": options.frames,
     }  # fmt: skip
     given = [name for name, value in others.items() if value]
     if given:
         raise InputError(f"--flicker compares no regions: leave {', '.join(given)} out")
     paths = _paths(files)
-    rois, image_size, _ = read_regions(chosen)
+    rois, image_size, _ = read_regions(options)
     settings = FlickerSettings(
         rois=rois,
-        method=chosen.method,
+        method=options.method,
         image_size=image_size,
-        selection=frames.selection(),
-        frame_rate_hz=frames.frame_rate,
-        damaged=frames.damaged,
-        calibration=light.calibration,
-        camera=light.camera_spec,
-        encoding=light.encoding,
-        **flicker.given(),
-        **light.stated(),
+        **options.flicker_limits(),
+        **options.file_settings(),
     )
-    if len(paths) > 1 or where.cluster is not None:
-        folder = results.folder(files[0] if len(files) == 1 else "videos", resume=True)
-        _flicker_of_several(paths, settings, folder, where, results)
+    if len(paths) > 1 or options.cluster is not None:
+        folder = options.folder(files[0] if len(files) == 1 else "videos", resume=True)
+        _flicker_of_several(paths, settings, folder, options)
         return
-    folder = results.folder(paths[0])
+    folder = options.folder(paths[0])
     with folder, progress_bars() as bars:
 
         def progress(done: int, total: int | None) -> None:
@@ -253,15 +248,11 @@ def _flicker(
 
         dataset, regions = evaluate_flicker(paths[0], settings, folder, progress=progress)
         result = write_flicker(dataset, regions, folder)
-    results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+    options.show(result, folder, also="; also results.xlsx, results.nc and results.json")
 
 
 def _flicker_of_several(
-    paths: Sequence[Path],
-    settings: FlickerSettings,
-    folder: ResultsFolder,
-    where: ClusterOptions,
-    results: Results,
+    paths: Sequence[Path], settings: FlickerSettings, folder: ResultsFolder, options: VideoOptions
 ) -> None:
     """Evaluate the flicker of several videos, on all cores; raises InputError."""
     from ...evaluate.flicker.archive import flicker_archive, flicker_archive_page, flicker_values
@@ -270,7 +261,7 @@ def _flicker_of_several(
     from ...evaluate.video.archive_page import archive_files
 
     tasks = archive_tasks(paths, folder.folder)
-    if not results.force:
+    if not options.force:
         require_same_archive(tasks, folder.folder)
     inputs = [path for path in (settings.calibration, settings.camera) if path is not None]
     with folder:
@@ -280,40 +271,31 @@ def _flicker_of_several(
                 tasks,
                 partial(flicker_values, settings),
                 flicker_configuration(settings),
-                where.chosen(),
+                options.chosen_workers(),
                 progress=lambda done, total: bars.set("Videos", done, total),
-                force=results.force,
+                force=options.force,
                 inputs=inputs,
             )
         folder.complete = not archive.failures
         result = flicker_archive(archive)
         folder.add(archive_files(result, flicker_archive_page(result)))
     where_they_are = f"{result.table('videos').note} Results are in {folder.folder}, a folder for each"
-    results.print(result, where_they_are, page=folder.folder / "archive.html")
+    options.print(result, where_they_are, page=folder.folder / "archive.html")
     if archive.failures:
         say(f"labcdp: {len(archive.failures)} of {len(archive.outcomes)} videos failed")
         raise typer.Exit(1)
 
 
-def _chart(
-    chosen: VideoPairOptions,
-    charts: ChartOptions,
-    light: LightOptions,
-    frames: FrameOptions,
-    made: MadeOptions,
-    where: ClusterOptions,
-    results: Results,
-    files: Sequence[Path],
-) -> None:
+def _chart(options: VideoOptions, files: Sequence[Path]) -> None:
     """Evaluate a chart in each frame of a video."""
     from ...evaluate.chart_video.evaluate import evaluate_chart_video
     from ...evaluate.chart_video.page import write_chart_video
     from ...evaluate.chart_video.settings import ChartVideoSettings
 
     others = {
-        "--pair": chosen.pair, "--neighbours": chosen.neighbours, "--require": chosen.require,
-        "--reference": chosen.reference, "--colours": chosen.colours, "--annotated": made.annotated,
-        "--frames": made.frames, "--cluster": where.cluster,
+        "--pair": options.pair, "--neighbours": options.neighbours, "--require": options.require,
+        "--reference": options.reference, "--colours": options.colours, "--annotated": options.annotated,
+        "--frames": options.frames, "--cluster": options.cluster,
     }  # fmt: skip
     given = [name for name, value in others.items() if value]
     if given:
@@ -321,23 +303,17 @@ def _chart(
     paths = _paths(files)
     if len(paths) > 1:
         raise InputError(f"--chart takes one video, and {len(paths)} are given: evaluate them one after the other")
-    chart, rois, image_size, inputs = read_chart(charts, chosen)
+    chart, rois, image_size, inputs = read_chart(options)
     settings = ChartVideoSettings(
-        **chosen.targets(),
+        **options.targets(),
         rois=rois,
-        method=chosen.method,
+        method=options.method,
         image_size=image_size,
-        selection=frames.selection(),
-        frame_rate_hz=frames.frame_rate,
-        damaged=frames.damaged,
-        calibration=light.calibration,
-        camera=light.camera_spec,
-        encoding=light.encoding,
         chart=chart,
         inputs=tuple(inputs),
-        **light.stated(),
+        **options.file_settings(),
     )
-    folder = results.folder(paths[0])
+    folder = options.folder(paths[0])
     with folder, progress_bars() as bars:
 
         def progress(done: int, total: int | None) -> None:
@@ -345,52 +321,31 @@ def _chart(
 
         dataset = evaluate_chart_video(paths[0], settings, folder, progress=progress)
         result = write_chart_video(dataset, folder)
-    results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+    options.show(result, folder, also="; also results.xlsx, results.nc and results.json")
 
 
-def _regions(
-    chosen: VideoPairOptions,
-) -> tuple[dict[str, Roi], tuple[tuple[str, str], ...], ImageSize | None]:
+def _regions(options: VideoPairOptions) -> tuple[dict[str, Roi], tuple[tuple[str, str], ...], ImageSize | None]:
     """Regions by name, their pairs: those given, or the only one, and the size of their image; none without a file."""
-    if chosen.neighbours and (chosen.roi is not None or chosen.pair):
+    if options.neighbours and (options.roi is not None or options.pair):
         raise InputError("--neighbours needs no regions: leave --roi and --pair out, or --neighbours")
-    rois, image_size, _ = read_regions(chosen)
-    pairs, regions = parse_pairs(chosen, [roi.name for roi in rois]), {roi.name: roi for roi in rois}
+    rois, image_size, _ = read_regions(options)
+    pairs, regions = parse_pairs(options, [roi.name for roi in rois]), {roi.name: roi for roi in rois}
     if regions and not pairs:
         if len(regions) != 2:
             raise InputError(
-                f"{chosen.roi} holds {len(regions)} regions ({', '.join(regions)}): choose pairs with --pair "
+                f"{options.roi} holds {len(regions)} regions ({', '.join(regions)}): choose pairs with --pair "
                 "BRIGHT:DARK"
                 if len(regions) > 2
-                else f"{chosen.roi} contains one region: draw a second one, a CDP needs two"
+                else f"{options.roi} contains one region: draw a second one, a CDP needs two"
             )
         first, second = regions
         pairs = ((first, second),)
     return regions, pairs, image_size
 
 
-def _common(
-    chosen: VideoPairOptions, light: LightOptions, frames: FrameOptions, image_size: ImageSize | None
-) -> VideoSettings:
-    """Return what is asked of all pairs of regions."""
-    return VideoSettings(
-        **chosen.targets(),
-        image_size=image_size,
-        reference_by=chosen.reference_by,
-        colours=chosen.colours,
-        selection=frames.selection(),
-        frame_rate_hz=frames.frame_rate,
-        damaged=frames.damaged,
-        calibration=light.calibration,
-        camera=light.camera_spec,
-        encoding=light.encoding,
-        **light.stated(),
-    )
-
-
 def evaluate_and_write(
     settings: Mapping[str, VideoSettings],
-    made: MadeOptions,
+    options: VideoOptions,
     path: Path,
     folders: Mapping[str, ResultsFolder],
     progress: Progress | None = None,
@@ -403,7 +358,7 @@ def evaluate_and_write(
         If the video cannot be evaluated.
     """
     with ExitStack() as drawing:
-        observers = [_observer(made, path, folder, drawing) for folder in folders.values()]
+        observers = [_observer(options, path, folder, drawing) for folder in folders.values()]
         parts = [settings[name] for name in folders]
         datasets = evaluate_parts(path, parts, [*folders.values()], observers, progress=progress)
     results_by_part: dict[str, Result | LabcdpError] = {}
@@ -415,16 +370,16 @@ def evaluate_and_write(
     return results_by_part
 
 
-def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: ExitStack) -> Observer | None:
+def _observer(options: VideoOptions, path: Path, results: ResultsFolder, drawing: ExitStack) -> Observer | None:
     """Return what draws the frames, None for nothing."""
-    if not (made.annotated or made.frames):
+    if not (options.annotated or options.frames):
         return None
     from ...evaluate.video.annotated import AnnotatedVideo, FrameImages
 
     observers: list[Observer] = []
-    if made.annotated:
+    if options.annotated:
         observers.append(drawing.enter_context(AnnotatedVideo(results.path("annotated.mp4"))))
-    if made.frames:
+    if options.frames:
         observers.append(FrameImages.for_video(results.path("."), path))
 
     def observer(*seen: Any) -> None:
@@ -435,10 +390,10 @@ def _observer(made: MadeOptions, path: Path, results: ResultsFolder, drawing: Ex
 
 
 def evaluate_values(
-    settings: Mapping[str, VideoSettings], made: MadeOptions, path: Path, folders: Mapping[str, ResultsFolder]
+    settings: Mapping[str, VideoSettings], options: VideoOptions, path: Path, folders: Mapping[str, ResultsFolder]
 ) -> dict[str, dict[str, Any] | LabcdpError]:
     """Do the same, with results as JSON values, which can be sent from another process."""
-    results_by_part = evaluate_and_write(settings, made, path, folders)
+    results_by_part = evaluate_and_write(settings, options, path, folders)
     return {
         name: envelope(result) if isinstance(result, Result) else result for name, result in results_by_part.items()
     }
@@ -449,19 +404,21 @@ def _several(
     settings: VideoSettings,
     of_pairs: Mapping[str, VideoSettings],
     folder: ResultsFolder,
-    made: MadeOptions,
-    where: ClusterOptions,
-    results: Results,
+    options: VideoOptions,
 ) -> None:
     from ...evaluate.video.archive import archive_tasks, evaluate_archive, require_same_archive
     from ...evaluate.video.archive_page import archive_files, archive_result
 
     tasks = archive_tasks(paths, folder.folder, tuple(of_pairs))
-    if not results.force:
+    if not options.force:
         for task in tasks:
             require_same_evaluation((task.folder,), of_pairs.get(task.part, settings))
         require_same_archive(tasks, folder.folder)
-    configuration = {**video_configuration(settings, load_reference(settings)), **asdict(made)}
+    configuration = {
+        **video_configuration(settings, load_reference(settings)),
+        "annotated": options.annotated,
+        "frames": options.frames,
+    }
     if of_pairs:
         configuration["pairs"] = {
             name: video_configuration(settings_of_pair, load_reference(settings_of_pair))
@@ -475,11 +432,11 @@ def _several(
             with progress_bars() as bars:
                 archive = evaluate_archive(
                     tasks,
-                    partial(evaluate_values, of_pairs or {"": settings}, made),
+                    partial(evaluate_values, of_pairs or {"": settings}, options),
                     configuration,
-                    where.chosen(),
+                    options.chosen_workers(),
                     progress=lambda done, total: bars.set("Videos", done, total),
-                    force=results.force,
+                    force=options.force,
                     inputs=[path for path in read if isinstance(path, Path)],
                 )
             folder.complete = not archive.failures
@@ -489,7 +446,7 @@ def _several(
         # The outcomes are printed even if the disk is full.
         if result is not None:
             where_they_are = f"{result.table('videos').note} Results are in {folder.folder}, a folder for each"
-            results.print(result, where_they_are, page=folder.folder / "archive.html")
+            options.print(result, where_they_are, page=folder.folder / "archive.html")
     if archive.failures:
         say(f"labcdp: {len(archive.failures)} of {len(archive.outcomes)} videos failed")
         raise typer.Exit(1)

@@ -18,7 +18,7 @@ import psutil
 import pytest
 import xarray as xr
 
-from labcdp.cli.pictures.video import MadeOptions, evaluate_values
+from labcdp.cli.pictures.video import VideoOptions, evaluate_values
 from labcdp.core.cluster import TlsFiles, Workers
 from labcdp.core.computer import Processes
 from labcdp.core.errors import InputError, LabcdpError
@@ -53,7 +53,7 @@ def videos(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def evaluate_videos(videos: list[Path], settings: VideoSettings, folder: Path, **options: Any) -> ArchiveResult:
     """Evaluate as the command does."""
-    work = partial(evaluate_values, {"": settings}, MadeOptions(annotated=False, frames=False))
+    work = partial(evaluate_values, {"": settings}, VideoOptions())
     return evaluate_archive(archive_tasks(videos, folder), work, {"contrasts": settings.contrasts}, **options)
 
 

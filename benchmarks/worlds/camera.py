@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .captures import full_scale, merged, noise_dn, received, sent
 from .optics import spread
 from .world import (
     BRIGHTEST_CD_M2,
@@ -69,7 +70,7 @@ def make_device(world: World, rng: np.random.Generator) -> Device:
     filters = filter_pattern(BAYER, shape) if world.bayer else np.ones(shape)
     # Coloured patches give up to twice the signal of grey ones in one of the planes.
     share = BRIGHTEST_SHARE / 2 if world.coloured else BRIGHTEST_SHARE
-    full_e = share * (FULL_SCALE_DN - world.black_dn) / world.k_dn_per_e
+    full_e = share * (full_scale(world) - world.black_dn) / world.k_dn_per_e
     return Device(
         world,
         full_e / (BRIGHTEST_CD_M2 * min(world.exposures_s)) * rng.uniform(0.85, 1.15),
@@ -186,6 +187,8 @@ def _pieces(world: World) -> tuple[Array, Array]:
 
 def straightened(dn: Array, world: World) -> Array:
     """Inverse of `curved`; a cubic term is inverted by Newton's method."""
+    if world.captures:
+        return received(dn, world)
     if world.gamma != 1:
         return np.asarray(FULL_SCALE_DN * (dn / FULL_SCALE_DN) ** world.gamma)
     if world.knees:
@@ -211,7 +214,7 @@ def expose(
     breathing: float = 1.0,
     lamp: float = 1.0,
     before_s: float | None = None,
-) -> NDArray[np.uint16]:
+) -> NDArray[np.unsignedinteger]:
     """Take a frame of a scene.
 
     Parameters
@@ -240,8 +243,22 @@ def expose(
     offset_dn = device.column_dn + rows_dn + world.black_drift_dn * rng.normal() + world.k_dn_per_e * device.dsnu_e
     # With the lens cap no light reaches the columns by which the black level is clamped.
     offset_dn = offset_dn + (world.light_offset_dn if np.any(light) else 0.0)
-    charge_e = electrons(mean_e, world, exposure_s, rng)
-    return digitised(curved(analogue_dn(charge_e, world, offset_dn, rng, device.gain), world))
+    return read_out(mean_e, world, exposure_s, offset_dn, rng, device.gain)
+
+
+def read_out(
+    light_e: Array,
+    world: World,
+    exposure_s: float,
+    offset_dn: Array | float,
+    rng: np.random.Generator,
+    gain: Array | float = 1.0,
+) -> NDArray[np.unsignedinteger]:
+    """DN or codes of mean photoelectrons."""
+    if world.captures:
+        return sent(merged(light_e, world, exposure_s, offset_dn, rng), world)
+    charge_e = electrons(light_e, world, exposure_s, rng)
+    return digitised(curved(analogue_dn(charge_e, world, offset_dn, rng, gain), world))
 
 
 def applied_s(world: World, exposure_s: float) -> float:
@@ -272,5 +289,7 @@ def expected_noise_dn(device: Device, luminance_cd_m2: Any, exposure_s: float) -
     """Temporal standard deviation of these DN: shot noise, read noise, row noise and rounding (EMVA 1288)."""
     world = device.world
     signal_dn = expected_dn(device, luminance_cd_m2, exposure_s) - world.black_dn
+    if world.captures:
+        return noise_dn(signal_dn / world.k_dn_per_e, world)
     of_read = (world.k_dn_per_e * world.read_noise_e) ** 2 + world.row_dn**2
     return np.sqrt(world.k_dn_per_e * signal_dn + of_read + 1 / 12)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .world import World
+from .world import SPLIT_PIXEL, World
 
 _FIVE_EXPOSURES = (1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 _BRACKET = tuple(1e-3 * 2**i for i in range(8))
@@ -128,6 +128,11 @@ WORLDS = (
     World("converters of halves, gains 1 % apart", _PLACE, converters="halves", converters_rel=0.01),
     World("two readouts joined at a quarter, gains 1 % apart", _RESPONSE, knees=((0.25, 0.99),)),
     World("companding, knees at 10 % and 30 %", _RESPONSE, knees=((0.1, 0.5), (0.3, 0.25))),
+    # Captures of very different noise hand over to each other within the range of the patches.
+    World("split pixel, 20 bits", captures=SPLIT_PIXEL, k_dn_per_e=0.748),
+    World("split pixel, 12-bit codes", captures=SPLIT_PIXEL, k_dn_per_e=0.748, coded=True),
+    World("split pixel, 12-bit codes, PRNU 1 %, DSNU 2 e-", captures=SPLIT_PIXEL, k_dn_per_e=0.748, coded=True,
+          prnu_rel=0.01, dsnu_e=2.0),
     World("image lag 1 %", _LAG, image_lag_rel=0.01),
     World("image lag 2 %, longest exposure first later", _LAG, image_lag_rel=0.02, later=(("longest_first", True),)),
     World("meter lag 10 %", (*_READINGS, "scatter of patches"), meter_lag_rel=0.1),

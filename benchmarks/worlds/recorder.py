@@ -12,10 +12,12 @@ import numpy as np
 import labcdp
 from labcdp.core.frame import CameraIdentity, Frame
 from labcdp.core.reading import MeterIdentity, Reading
+from labcdp.files import shipped_curve
 from labcdp.session import SessionConfiguration
 from labcdp.session.records import Role
 
 from .camera import Device, applied_s, expose, warming
+from .captures import full_scale, sent
 from .lamp import light_of_lamp
 from .meter import SESSION_S, Shown, lamp
 from .target import Target
@@ -109,15 +111,16 @@ class Recorder:
         world = self.device.world
         if temperature_c is None:
             temperature_c = world.temperature_c
-        number = next(self._frames)
+        number, is_linear = next(self._frames), bool(world.captures) and not world.coded
         return Frame(
             dn=dn,
             exposure_s=exposure_s,
             gain_db=0.0,
-            bit_depth=12,
-            saturation_dn=float(FULL_SCALE_DN),
+            bit_depth=20 if is_linear else 12,
+            saturation_dn=float(sent(np.array(full_scale(world)), world) if world.captures else FULL_SCALE_DN),
             black_level_dn=None,
-            pixel_format="BayerRG12" if world.bayer else "Mono12",
+            pixel_format="BayerRG12" if world.bayer else "Mono20" if is_linear else "Mono12",
+            companding=shipped_curve("AR0231") if world.coded else None,
             colour_filter="RG" if world.bayer else None,
             temperature_c=temperature_c if world.stated_temperature else None,
             timestamp=START + timedelta(days=world.days, seconds=float(second)),
@@ -165,7 +168,7 @@ def _configuration(
         {
             "name": name,
             "operator": "worlds",
-            "camera": {"pixel_pitch_m": PITCH_M},
+            "camera": {"pixel_pitch_m": PITCH_M} | ({"encoding": "AR0231"} if world.coded else {}),
             "lens": {"model": "lens", "serial": "1", "focal_length_m": focal_length_m, "f_number": 2.8} | known,
             "meter": {
                 "model": "meter",

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .camera import Array, Device, expected_dn, expected_noise_dn, filter_pattern, random_colour
-from .world import BRIGHTEST_CD_M2, FULL_SCALE_DN, HEIGHT, WIDTH, World
+from .captures import full_scale
+from .world import BRIGHTEST_CD_M2, HEIGHT, WIDTH, World
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +117,7 @@ def asked_pair(device: Device, rng: np.random.Generator) -> Pair:
     t = max(
         t
         for t in world.exposures_s
-        if expected_dn(device, lights[0], t) + 6 * expected_noise_dn(device, lights[0], t) < FULL_SCALE_DN
+        if expected_dn(device, lights[0], t) + 6 * expected_noise_dn(device, lights[0], t) < full_scale(world)
     )
     per_cd_m2 = world.k_dn_per_e * device.responsivity_e_s_cd_m2 * t
     spread = float((1 + contrast) * np.hypot(*(expected_noise_dn(device, lights, t) / (per_cd_m2 * lights))))

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .camera import BAYER, Array, Device, analogue_dn, applied_s, curved, digitised, electrons, straightened
+from .camera import BAYER, Array, Device, applied_s, read_out, straightened
 from .target import Target
 
 #: Pixels drawn of each region.
@@ -62,8 +62,8 @@ def true_pixels(
         prnu = 1 if "prnu" in without else 1 + world.prnu_rel * rng.normal(size=PIXELS)
         dsnu_dn = 0 if "dsnu" in without else world.k_dn_per_e * world.dsnu_e * rng.normal(size=PIXELS)
         lines_dn = np.hypot(world.column_dn, world.row_dn) * rng.normal(size=PIXELS)
-        charge_e = electrons(per_cd_m2 * light_cd_m2 * colour.get(plane, 1.0) * prnu, world, exposure_s, rng)
-        dn = digitised(curved(analogue_dn(charge_e, world, dsnu_dn + lines_dn, rng, gain), world))
+        light_e = per_cd_m2 * light_cd_m2 * colour.get(plane, 1.0) * prnu
+        dn = read_out(light_e, world, exposure_s, dsnu_dn + lines_dn, rng, gain)
         dark_dn = world.black_dn + world.k_dn_per_e * world.dark_current_e_s * exposure_s
         net_dn = straightened(dn.astype(float), world) - dark_dn
         values += weight / total * net_dn / (world.k_dn_per_e * per_cd_m2)

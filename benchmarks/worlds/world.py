@@ -20,6 +20,33 @@ BRIGHTEST_SHARE = 0.6
 
 
 @dataclass(frozen=True)
+class Captured:
+    """A capture of a sensor that merges several.
+
+    Parameters
+    ----------
+    light : float
+        Electrons over those of the first capture.
+    k_dn_per_e, full_well_e, read_noise_e : float
+        Its readout.
+    """
+
+    light: float
+    k_dn_per_e: float
+    full_well_e: float
+    read_noise_e: float
+
+
+#: Large photodiode at two gains and a small one: electrons published by J. Solhusvik and others, International Image
+#: Sensor Workshop 2019, R32; converters that end where they do in the preset split-pixel.
+SPLIT_PIXEL = (
+    Captured(1.0, 0.748, 22_000.0, 0.83),
+    Captured(1.0, 0.183, 22_000.0, 3.05),
+    Captured(0.01, 0.510, 7_900.0, 0.83),
+)
+
+
+@dataclass(frozen=True)
 class World:
     """Parameters of a world; the defaults are the ideal one, which the fitted model describes exactly.
 
@@ -31,6 +58,11 @@ class World:
         What is special, by the names of `causes`: a finding that names one of them is right, of another one false.
     full_well_e, k_dn_per_e, black_dn, read_noise_e, dark_current_e_s : float
         Camera, EMVA 1288; `k_dn_per_e` is the overall system gain.
+    captures : tuple of Captured
+        Captures that the sensor merges inside, most sensitive first; none for one of the values above. `k_dn_per_e`
+        is that of the first.
+    coded : bool
+        Whether the merged value comes in 12 bits by the curve of AR0231, which the frames state; else in 20 bits.
     prnu_rel, dsnu_e : float
         Standard deviations of the fixed pattern of sensitivity and of dark signal.
     column_dn, row_dn : float
@@ -150,6 +182,8 @@ class World:
     black_dn: float = 64.0
     read_noise_e: float = 4.0
     dark_current_e_s: float = 5.0
+    captures: tuple[Captured, ...] = ()
+    coded: bool = False
     prnu_rel: float = 0.0
     dsnu_e: float = 0.0
     column_dn: float = 0.0

@@ -13,6 +13,8 @@ from .parameters import Bits, ElectronRate, Fraction, FullWell, Noise, Number, P
 
 #: Planes of the first 2 x 2 pixels of each colour filter, row by row.
 PATTERNS = {name: tuple(name) for name in FILTER_NAMES} | {"RGB-IR": ("R", "G", "IR", "B")}
+#: What is looked at in place of a plane: the luminance combined of all.
+LUMINANCE = "luminance"
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,9 @@ class ColourPlane(Parameters):
         R, G, B, C (clear) or IR.
     quantum_efficiency : float or tuple of (float, float)
         Electrons per photon, the filter included.
+    luminance_weight : float or None
+        Weight in the luminance of a cell of 2 x 2 pixels, over any scale; None for those by V(lambda), or for 0 where
+        another plane states one.
 
     Raises
     ------
@@ -40,8 +45,10 @@ class ColourPlane(Parameters):
 
     name: str
     quantum_efficiency: QuantumEfficiency
+    luminance_weight: Annotated[float | None, Number("", -100, 100)] = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _check_name(self.name, "plane")
         object.__setattr__(self, "quantum_efficiency", as_quantum_efficiency(self.quantum_efficiency))
 
@@ -201,8 +208,9 @@ def _check_filter(sensor_values: Any) -> None:
             "light_share instead",
             key="photodiodes",
         )
-    if not isinstance(plane, str) or plane not in ("", *wanted):
+    choices = (*wanted, LUMINANCE) if wanted else ()
+    if not isinstance(plane, str) or plane not in ("", *choices):
         raise InputError(
-            f"plane is {shown(plane)}: give {', '.join(wanted) or 'none'}, or nothing for each pixel as it is",
+            f"plane is {shown(plane)}: give {', '.join(choices) or 'none'}, or nothing for each pixel as it is",
             key="plane",
         )

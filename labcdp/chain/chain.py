@@ -14,6 +14,7 @@ from ..core.photometry import electron_radiance_per_cd_m2
 from ..core.result import html_table
 from .colour import sample_factors, seen_planes, seen_sensor
 from .imaging import ImagingChain
+from .luminance import cell_seed, cell_sensors, combined, is_combined, luminance_weights
 from .optics import Optics, Windscreen
 from .parameters import COUNT, THREADS
 from .parts import ChainParts
@@ -66,13 +67,9 @@ class Chain(ChainParts):
             pitch = None if sensor is None else sensor.pixel_pitch_m
             context = Context(self.spectrum, seed, pitch, self.settings, threads)
             scenes = self._scenes_seen(sensor, seed)
-            signals: list[Signal] = []
-            for number, scene in enumerate(scenes):
-                first = scenes.index(scene)
-                signals.append(signals[first] if first < number else self._exposed(scene, stages, sensor, context))
-            if sensor is not None:
-                behind = self._behind_sensor(seen_sensor(sensor, self.spectrum), signals, context)
-                stages |= {self.sensor_stage_name(name, sensor_name): result for name, result in behind.items()}
+            record = self._combined if is_combined(sensor) else self._recorded
+            behind = record(sensor, scenes, stages, context)
+            stages |= {self.sensor_stage_name(name, sensor_name): result for name, result in behind.items()}
         return ChainRun(self, seed, stages)
 
     def front(self, levels_cd_m2: NDArray[np.float64], shares: NDArray[np.float64]) -> Signal:
@@ -112,6 +109,32 @@ class Chain(ChainParts):
             f"{self.name} cannot serve as the camera of a bench: use at most a windscreen, optics and one sensor of "
             "type emva1288 without a colour filter"
         )
+
+    def _recorded(
+        self, sensor: SensorModel | None, scenes: Sequence[Scene], stages: dict[str, Signal], context: Context
+    ) -> Mapping[str, Signal]:
+        """Return the signals of a sensor, none without one, and add what is before it to `stages`."""
+        signals: list[Signal] = []
+        for number, scene in enumerate(scenes):
+            first = scenes.index(scene)
+            signals.append(signals[first] if first < number else self._exposed(scene, stages, sensor, context))
+        if sensor is None:
+            return {}
+        return self._behind_sensor(seen_sensor(sensor, self.spectrum), signals, context)
+
+    def _combined(
+        self, sensor: Any, scenes: Sequence[Scene], stages: dict[str, Signal], context: Context
+    ) -> Mapping[str, Signal]:
+        """Return the luminance combined of the four pixels of each cell, behind each stage."""
+        pixels: list[tuple[str, Mapping[str, Signal]]] = []
+        for number, (plane, part) in enumerate(cell_sensors(sensor)):
+            other = replace(context, seed=cell_seed(context.seed, number))
+            pixels.append((plane, self._recorded(part, scenes, stages, other)))
+        weights = luminance_weights(sensor, self.spectrum)
+        front = stages[self.before[-1][0]]
+        return {
+            name: combined([(plane, part[name]) for plane, part in pixels], weights, front) for name in pixels[0][1]
+        }
 
     def _scenes_seen(self, sensor: SensorModel | None, seed: int) -> list[Scene]:
         """Return what each capture of a sensor sees: a pulsed lamp at another phase, any other scene as it is."""

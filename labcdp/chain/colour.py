@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..core.errors import InputError
 from ..core.photometry import QuantumEfficiency, electron_radiance_per_cd_m2
-from .captures import PATTERNS
+from .captures import LUMINANCE, PATTERNS
 from .scene.scene import Level
 from .scene.spectra import RegionSpectrum, level_samples, spectra_of
 from .sensor import Sensor, scaled_efficiency
@@ -61,7 +61,7 @@ class SeenPlane:
 
 def seen_planes(sensor: Sensor) -> tuple[SeenPlane, ...]:
     """Return the planes of a sensor that are looked at: one without a colour filter or if `Sensor.plane` names it."""
-    if not sensor.colour_filter or sensor.plane:
+    if not sensor.colour_filter or sensor.plane not in ("", LUMINANCE):
         own = [plane.quantum_efficiency for plane in sensor.planes if plane.name == sensor.plane]
         return (SeenPlane(own[0] if own else sensor.quantum_efficiency, (0, 1, 2, 3), 1.0),)
     pattern = PATTERNS[sensor.colour_filter]

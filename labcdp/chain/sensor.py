@@ -129,7 +129,8 @@ class Sensor(Sized):
     planes : tuple of ColourPlane
         Quantum efficiency behind each filter, which then stands for that of the sensor.
     plane : str
-        Plane that is looked at, as if all pixels were of it; empty for each pixel as it is.
+        Plane that is looked at, as if all pixels were of it; empty for each pixel as it is. ``luminance`` for the
+        luminance that is combined of a cell of 2 x 2 pixels, as if each pixel were such a cell.
 
     Raises
     ------

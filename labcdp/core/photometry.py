@@ -265,6 +265,12 @@ def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.flo
     return wavelength_nm, power, np.interp(wavelength_nm, observer.wavelengths, observer.values)
 
 
+def visibility_at(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """V(lambda) of the CIE 1924 photopic observer at wavelengths in nm."""
+    _, observer = _colour_tables()
+    return np.asarray(np.interp(wavelength_nm, observer.wavelengths, observer.values, left=0, right=0))
+
+
 @lru_cache(maxsize=1)
 def colour_matching() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Colour-matching functions of the CIE 1931 standard observer.

@@ -57,8 +57,9 @@ def test_luminance_of_another_wavelength_by_hand(emission):
 
 @pytest.mark.parametrize(
     ("pattern", "plane"),
-    [("RGGB", "R"), ("RGGB", ""), ("RCCB", "B"), ("RCCB", ""), ("RCCC", "C"), ("RCCC", ""), ("RGB-IR", ""), ("", "")],
-)
+    [("RGGB", "luminance"), ("RCCB", "luminance"), ("RCCC", "luminance"), ("RGB-IR", "luminance"),
+     ("RGGB", "R"), ("RGGB", ""), ("RCCB", "B"), ("RCCB", ""), ("RCCC", "C"), ("RCCC", ""), ("RGB-IR", ""), ("", "")],
+)  # fmt: skip
 def test_prediction_is_that_of_simulated_frames(pattern, plane):
     """A red lamp and a leaf: 10 luminances with 32,768 pixels each, within 3.5 standard errors."""
     leaf = [[400, 0.05], [520, 0.06], [550, 0.14], [600, 0.07], [680, 0.05], [720, 0.4], [780, 0.5]]

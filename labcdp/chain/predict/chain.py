@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike
 from ...core.errors import InputError
 from ..chain import Chain
 from ..colour import seen_sensor
+from ..luminance import is_combined
 from ..scene.lamp import LampScene
 from ..scene.spectra import spectra_of
 from .camera import CameraModel
 from .lamp import predict_lamp
-from .pairs import ExactPrediction
+from .luminance import predict_luminance
+from .pairs import ExactPrediction, with_regions_exchanged
 from .prediction import PatchRates, predict
 from .rates import pair_rates, scene_contrast, scene_levels, scenes_of_cells
 from .stage import camera_of_stage, sensor_of_stage
@@ -64,6 +66,8 @@ def predict_chain(
     if contrast is None:
         levels, _, pair = scene_levels(cells)
         contrast = scene_contrast(*(levels[:, index] for index in pair))
+    if is_combined(sensor):
+        return predict_luminance(chain, sensor, name, cells, contrast, epsilon)
     lamps = [cell for cell in cells if isinstance(cell, LampScene)]
     if lamps:
         return predict_lamp(chain, sensor, name, lamps, camera, contrast, epsilon)
@@ -83,13 +87,7 @@ def _brighter_first(camera: CameraModel, rates: PatchRates, contrast: ArrayLike,
     veil = np.broadcast_to(rates.veil_e_s, is_changed.shape)
     straight = predict(camera, rates, contrast, epsilon)
     changed = predict(camera, PatchRates(bright[0], dark[0], veil, bright[1], dark[1]), contrast, epsilon)
-    changed = replace(
-        changed,
-        snr_dark=changed.snr_bright,
-        snr_bright=changed.snr_dark,
-        saturated_share=changed.saturated_share_dark,
-        saturated_share_dark=changed.saturated_share,
-    )
+    changed = with_regions_exchanged(changed, is_changed)
     names = [field.name for field in fields(ExactPrediction)]
     return ExactPrediction(*(np.where(is_changed, getattr(changed, name), getattr(straight, name)) for name in names))
 

@@ -17,7 +17,7 @@ from ..scene.lamp import LampScene
 from ..sensor import Sensor
 from .camera import CameraModel
 from .mixed_pixels import is_mixed
-from .pairs import ExactPrediction
+from .pairs import ExactPrediction, with_regions_exchanged
 from .prediction import CaptureRates, captured_moments, predict_captures
 from .rates import pair_rates
 from .stage import camera_of_stage, sensor_of_stage
@@ -39,7 +39,7 @@ def predict_lamp(
     contrast: ArrayLike,
     epsilon: float,
 ) -> ExactPrediction:
-    """Predict the lamp and its surroundings in each cell, the brighter one of a phase being the bright region.
+    """Predict the lamp and its surroundings in each cell; the contrast is that of the brighter one at each phase.
 
     Parameters
     ----------
@@ -70,9 +70,11 @@ def predict_lamp(
         each, is_lamp_brighter = predict_captures(camera, rates, targets[nodes.cell], epsilon)
         # Rises with the light of the lamp, through 0 where it is as bright as its surroundings.
         position = (each.cdp + 2 * each.above) * np.where(is_lamp_brighter, 1.0, -1.0)
+        each = with_regions_exchanged(each, is_lamp_brighter == is_lamp_dark[nodes.cell])
         return np.stack([getattr(each, name) for name in names]), position
 
     names = [field.name for field in fields(ExactPrediction)]
+    is_lamp_dark = np.array([cell.luminance_cd_m2 < cell.background_cd_m2 for cell in cells])
     return ExactPrediction(*_over_phases(cells, times, evaluate))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -76,6 +76,19 @@ class ExactPrediction:
     snr_bright: FloatArray
     saturated_share: FloatArray
     saturated_share_dark: FloatArray
+
+
+def with_regions_exchanged(prediction: ExactPrediction, where: NDArray[np.bool_]) -> ExactPrediction:
+    """Exchange SNR and saturated share of the regions in pairs whose dark region is the brighter one to the camera."""
+    snr_dark, snr_bright = prediction.snr_dark, prediction.snr_bright
+    dark, bright = prediction.saturated_share_dark, prediction.saturated_share
+    return replace(
+        prediction,
+        snr_dark=np.where(where, snr_bright, snr_dark),
+        snr_bright=np.where(where, snr_dark, snr_bright),
+        saturated_share=np.where(where, dark, bright),
+        saturated_share_dark=np.where(where, bright, dark),
+    )
 
 
 def evaluate_cells(table: ValueTable, cells: Cells) -> FloatArray:

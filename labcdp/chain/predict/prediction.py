@@ -135,7 +135,7 @@ def predict(camera: CameraModel, rates: PatchRates, contrast: ArrayLike, epsilon
     proportional to the value less that of dark signal and veil. Ends, and values of 0 and below, count as in
     `labcdp.metrics.cdp`.
     """
-    targets = _checked_targets(contrast, epsilon)
+    targets = checked_targets(contrast, epsilon)
     patches = rates.patches()
     shape = _common_shape(*(rate[..., 0] for rate, _ in patches), rates.veil_e_s, targets)
     dark, bright = (_parts_of_cells(patch, shape) for patch in patches)
@@ -170,7 +170,7 @@ def predict_captures(
     is_second_bright : ndarray of bool, shape (n,)
         Whether the second patch is the bright one.
     """
-    targets = _checked_targets(contrast, epsilon)
+    targets = checked_targets(contrast, epsilon)
     lights = [patch.reshape(-1, patch.shape[-1]) for patch, _ in rates.patches]
     table, keys = _table_of_lights(camera, np.concatenate(lights))
     means = np.asarray(table.rows_at(keys)[0] @ table.bins.values)
@@ -223,7 +223,7 @@ def _table_of_lights(camera: CameraModel, rates_e_s: FloatArray) -> tuple[ValueT
     return (capture_table if camera.merges_captures else value_table)(camera, keys), keys
 
 
-def _checked_targets(contrast: ArrayLike, epsilon: float) -> FloatArray:
+def checked_targets(contrast: ArrayLike, epsilon: float) -> FloatArray:
     """Return target contrasts; raises InputError if they or the tolerance are out of their ranges."""
     targets = np.asarray(contrast, dtype=np.float64)
     if not (targets > 0).all() or not np.isfinite(targets).all():

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...chain import Chain, LampScene
 from ...chain.lamp import flicker_of_light
+from ...chain.luminance import is_combined
 from ...core.errors import InputError, PredictionError
 from ...core.result import Finding, InputFile, Result, info
 from ...core.table import Column, Table, attributes_of
@@ -145,6 +146,8 @@ def _block(chains: Sequence[Chain], stage: str | None, limits: Mapping[str, floa
     if not chains[0].sensors:
         raise InputError("the chain has no sensor: add one, with exposure_s")
     sensor, name = sensor_of_stage(chains[0], stage or chains[0].stage_names[-1])
+    if is_combined(sensor):
+        raise PredictionError("the flicker of the luminance of several planes cannot be predicted: choose a plane")
     times = capture_times(chains[0], sensor, name)
     scenes = [chain.scene for chain in chains if isinstance(chain.scene, LampScene)]
     if len(times) > 1:

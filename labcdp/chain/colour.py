@@ -12,7 +12,7 @@ from ..core.errors import InputError
 from ..core.photometry import QuantumEfficiency, electron_radiance_per_cd_m2
 from .captures import LUMINANCE, PATTERNS
 from .scene.scene import Level
-from .scene.spectra import RegionSpectrum, level_samples, spectra_of
+from .scene.spectra import RegionSpectrum, spectra_of, spectral_samples
 from .sensor import Sensor, scaled_efficiency
 
 
@@ -34,13 +34,14 @@ class SeenPlane:
     cells: tuple[int, ...]
     share: float
 
-    def relative(self, level: Level | str, spectra: tuple[RegionSpectrum, ...], spectrum: str) -> float:
+    def relative(self, level: Level, spectra: tuple[RegionSpectrum, ...], spectrum: str) -> float:
         """Electrons per luminance of a region over those of the light of the chain."""
-        name = level if isinstance(level, str) else level.name
-        own = next((one for one in spectra if one.region == name), None)
-        if own is None:
-            return 1.0
-        per_cd_m2 = electron_radiance_per_cd_m2(own.emission or spectrum, self.quantum_efficiency, own.reflectance)
+        own = next((one for one in spectra if one.region == level.name), None)
+        return 1.0 if own is None else self.relative_to_light(own, spectrum)
+
+    def relative_to_light(self, own: RegionSpectrum, spectrum: str) -> float:
+        """Electrons per luminance of a spectrum over those of the light of the chain."""
+        per_cd_m2 = electron_radiance_per_cd_m2(own.light or spectrum, self.quantum_efficiency, own.reflectance)
         return per_cd_m2 / self.per_cd_m2(spectrum)
 
     def per_cd_m2(self, spectrum: str) -> float:
@@ -86,10 +87,9 @@ def seen_sensor(sensor: Any, spectrum: str) -> Any:
 
 def sample_factors(scene: Any, plane: SeenPlane, spectrum: str) -> NDArray[np.float32] | float:
     """Return what each sample's luminance is to be multiplied by, so that the plane sees it as the chain's light."""
-    spectra = spectra_of(scene)
-    if not spectra:
+    if not spectra_of(scene):
         return 1.0
     factors = np.ones(scene.luminance_map().shape, np.float32)
-    for name, mask in level_samples(scene).items():
-        factors[mask] = plane.relative(name, spectra, spectrum)
+    for own, mask in spectral_samples(scene):
+        factors[mask] = plane.relative_to_light(own, spectrum)
     return factors

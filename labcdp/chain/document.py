@@ -133,7 +133,25 @@ def _tables_at(document: dict[str, Any], path: str) -> list[tuple[dict[str, Any]
     if own_key and "name" in held[0] and not named:
         names = ", ".join(item["name"] for item in held)
         raise ConfigurationError(f"{path!r}: there is no {table} {chosen!r}, give one of {names}")
-    return [(item, own_key if named else key) for item in named or held]
+    return [_part_at(item, own_key if named else key, path) for item in named or held]
+
+
+def _part_at(table: dict[str, Any], key: str, path: str) -> tuple[dict[str, Any], str]:
+    """Return the table and the key in it of ``captures.NAME.key``, or of a key of the table itself."""
+    parts, _, rest = key.partition(".")
+    name, _, own_key = rest.rpartition(".")
+    if not name:
+        return table, key
+    items = table.get(parts, [])
+    named = [item for item in items if name in (item.get("name"), item.get("region"))]
+    if parts == "spectra" and not named:
+        # A region without a spectrum gets one.
+        named = [{"region": name}]
+        table[parts] = [*items, *named]
+    if not named:
+        names = ", ".join(str(item.get("name")) for item in items)
+        raise ConfigurationError(f"{path!r}: there is no {name!r} in {parts}, give one of {names or 'none'}")
+    return named[0], own_key
 
 
 def _sensor_tables(tables: Any) -> list[tuple[str, _Table]]:
@@ -223,7 +241,7 @@ def _values(part: Any, folder: Path) -> dict[str, Any]:
     values = {}
     for field in fields(part):
         value = getattr(part, field.name)
-        if "path" in field.metadata and value.is_relative_to(folder):
+        if "path" in field.metadata and value is not None and value.is_relative_to(folder):
             value = value.relative_to(folder)
         elif "table" in field.metadata:
             value = [_values(item, folder) for item in value]

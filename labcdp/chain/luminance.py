@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core.errors import InputError
-from ..core.photometry import WAVELENGTH_RANGE_NM, spectral_weights, visibility_at
-from .captures import LUMINANCE, PATTERNS
+from ..core.photometry import WAVELENGTH_RANGE_NM, spectral_weights
+from ..core.spectra import SpectralTable, least_f1_prime
+from .captures import LUMINANCE, PATTERNS, ColourPlane
 from .sensor import Sensor
 from .signal import Signal
 
+#: Seeds of the pixels of a cell stand apart from those of the noise.
 _CELL_KEY = 0x63656C6C
+_RANGE_NM = np.arange(WAVELENGTH_RANGE_NM[0], WAVELENGTH_RANGE_NM[1] + 1)
 
 
 def luminance_weights(sensor: Sensor, spectrum: str) -> Mapping[str, float]:
@@ -39,10 +43,9 @@ def luminance_weights(sensor: Sensor, spectrum: str) -> Mapping[str, float]:
 
     Notes
     -----
-    Those that the planes state (`ColourPlane.luminance_weight`). Without any, those for which the combined sensitivity
-    to radiant power differs least from V(lambda), in the mean square from 380 to 780 nm, as for a colour correction by
-    the spectral sensitivities (ISO 17321-1): an infrared plane is subtracted. Planes of one shape share their weight by
-    their pixels.
+    Those that the planes state (`ColourPlane.luminance_weight`). Without any, those of the sum of sensitivities to
+    radiant power with the smallest f1' (`labcdp.core.spectra.least_f1_prime`), as a calibration has them. Planes of
+    equal sensitivity share their weight by their pixels.
     """
     pattern = PATTERNS[sensor.colour_filter]
     names = list(dict.fromkeys(pattern))
@@ -56,40 +59,38 @@ def luminance_weights(sensor: Sensor, spectrum: str) -> Mapping[str, float]:
                 key="planes",
             )
     else:
-        shares = np.array([pattern.count(name) for name in names]) / len(pattern)
-        curves = [_sensitivity(planes[name].quantum_efficiency, spectrum) for name in names]
-        weights = _nearest_weights(np.stack(curves), shares, spectrum)
+        weights = np.array(_nearest_weights(pattern, tuple(planes[name] for name in names), spectrum))
     return dict(zip(names, (weights / weights.sum()).tolist(), strict=True))
 
 
-def _wavelengths() -> NDArray[np.float64]:
-    return np.arange(WAVELENGTH_RANGE_NM[0], WAVELENGTH_RANGE_NM[1] + 1)
-
-
-def _sensitivity(quantum_efficiency: float | tuple[tuple[float, float], ...], spectrum: str) -> NDArray[np.float64]:
-    """Electrons per radiant power over wavelength, in units of those of the light."""
-
-    def per_power(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-        if isinstance(quantum_efficiency, float):
-            return quantum_efficiency * wavelength_nm
-        known, values = np.array(quantum_efficiency).T
-        return np.asarray(np.interp(wavelength_nm, known, values, left=0, right=0) * wavelength_nm)
-
+@lru_cache(maxsize=64)
+def _nearest_weights(pattern: tuple[str, ...], planes: tuple[ColourPlane, ...], spectrum: str) -> tuple[float, ...]:
+    """Weights of the luminance that each plane gives for the light, for which the sum is most like V(lambda)."""
+    curves = {}
     wavelength_nm, power, _ = spectral_weights(spectrum)
-    of_light = float(power @ per_power(wavelength_nm))
-    if of_light == 0:
-        raise InputError(f"a plane of the colour filter sees nothing of {spectrum!r}: leave it out, or give another")
-    return np.asarray(per_power(_wavelengths()) / of_light)
+    for plane in planes:
+        response = float(power @ _sensitivity(plane, wavelength_nm))
+        if response == 0:
+            raise InputError(f"plane {plane.name} sees nothing of {spectrum!r}: leave it out, or give another")
+        curves[plane.name] = _sensitivity(plane, _RANGE_NM) / response
+    # Of equal planes one stands for all.
+    first = {
+        name: next(other for other in curves if np.allclose(curves[other], curve, rtol=1e-9))
+        for name, curve in curves.items()
+    }
+    tables = {name: SpectralTable(tuple(_RANGE_NM.tolist()), tuple(curves[name].tolist())) for name in first.values()}
+    factors = least_f1_prime(tables)
+    pixels = {name: sum(pattern.count(other) for other in first if first[other] == name) for name in tables}
+    return tuple(factors[first[name]] * pattern.count(name) / pixels[first[name]] for name in curves)
 
 
-def _nearest_weights(curves: NDArray[np.float64], shares: NDArray[np.float64], spectrum: str) -> NDArray[np.float64]:
-    """Weights of sum 1 for which the sum of curves is nearest to V(lambda); of those as near, the nearest to shares."""
-    _, power, visibility = spectral_weights(spectrum)
-    wanted = visibility_at(_wavelengths()) / float(power @ visibility)
-    # All weights of sum 1 are the shares and a combination of differences.
-    differences = np.eye(len(shares))[1:] - np.eye(len(shares))[:1]
-    step, *_ = np.linalg.lstsq((differences @ curves).T, wanted - shares @ curves, rcond=1e-6)
-    return np.asarray(shares + step @ differences)
+def _sensitivity(plane: ColourPlane, wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Relative sensitivity to radiant power at wavelengths."""
+    efficiency = plane.quantum_efficiency
+    if isinstance(efficiency, float):
+        return efficiency * wavelength_nm
+    known, values = np.array(efficiency).T
+    return np.asarray(np.interp(wavelength_nm, known, values, left=0, right=0) * wavelength_nm)
 
 
 def cell_sensors(sensor: Sensor) -> list[tuple[str, Sensor]]:

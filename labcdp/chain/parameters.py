@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from math import inf, isfinite
+from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, TypeAlias, get_args, get_type_hints
 
@@ -183,3 +184,12 @@ def _is_number(value: Any) -> bool:
     if isinstance(value, bool | np.bool_) or not isinstance(value, int | float | np.integer | np.floating):
         return False
     return isfinite(value) if not isinstance(value, int) else abs(value) < 2**1000
+
+
+def file_state(path: Path) -> tuple[int, int] | None:
+    """Return time and size of a file, by which it is read again where it changed; None if there is none."""
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size

@@ -242,8 +242,9 @@ class ChainParts:
         **changes
             Parameters as table and key, ``scene__luminance_cd_m2=5.0`` or, in a mapping, ``scene.luminance_cd_m2``;
             ``spectrum``, ``name`` and ``description`` stand alone. With several sensors ``sensor.key`` means all of
-            them, ``sensor.NAME.key`` one. The size is that of scene and sensors, whichever is named. None stands for
-            the default.
+            them, ``sensor.NAME.key`` one; parts are named likewise, ``sensor.captures.NAME.key``,
+            ``sensor.planes.NAME.key`` and ``scene.spectra.REGION.key``. The size is that of scene and sensors,
+            whichever is named. None stands for the default.
 
         Raises
         ------

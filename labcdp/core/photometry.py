@@ -36,6 +36,9 @@ _SHORTEST_NM, _LONGEST_NM = 100, 3000
 #: One quantum efficiency for all wavelengths, or (wavelength_nm, value) pairs with rising wavelength.
 QuantumEfficiency = float | tuple[tuple[float, float], ...]
 
+#: Light by its name, or as (wavelength_nm, relative radiant power) pairs.
+Light = str | tuple[tuple[float, float], ...]
+
 #: A name that ends with a number.
 _NUMBERED = re.compile(r"(.*?)([0-9]+)")
 #: Name of the thesis' conversion: light of 500 nm at 1000 lm/W, more than the 683 lm/W there can be (L. Ebbert,
@@ -71,7 +74,7 @@ def photon_radiance_per_cd_m2(spectrum: str) -> float:
 
 
 def electron_radiance_per_cd_m2(
-    spectrum: str,
+    spectrum: Light,
     quantum_efficiency: float | Sequence[tuple[float, float]],
     reflectance: Sequence[tuple[float, float]] = (),
 ) -> float:
@@ -79,8 +82,9 @@ def electron_radiance_per_cd_m2(
 
     Parameters
     ----------
-    spectrum : str
-        As for `photon_radiance_per_cd_m2`.
+    spectrum : str or tuple of (float, float)
+        As for `photon_radiance_per_cd_m2`, or a table of rising wavelengths in nm and relative radiant power: linear
+        between them, zero outside.
     quantum_efficiency : float or sequence of (float, float)
         A constant, or (wavelength_nm, value) pairs; linear between them, zero outside the table.
     reflectance : sequence of (float, float)
@@ -109,7 +113,7 @@ def as_reflectance(value: Sequence[tuple[float, float]]) -> tuple[tuple[float, f
         table = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         table = np.empty((0, 0))
-    usable = table.ndim == 2 and table.shape[1] == 2 and len(table) > 1 and not _holds_truth_value(value)
+    usable = table.ndim == 2 and table.shape[1] == 2 and len(table) > 1 and not holds_truth_value(value)
     if not usable or not ((np.diff(table[:, 0]) > 0).all() and (table[:, 1] >= 0).all() and table[:, 1].any()):
         raise InputError(
             f"reflectance is {shown(value)}: give pairs of rising wavelength in nm and a value of at least 0",
@@ -157,7 +161,7 @@ def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> Quant
     except ValueError:
         table = np.empty((0, 0))
     # NumPy would take text and truth values for numbers, the latter also among numbers.
-    numeric = table.dtype.kind in "iuf" and not _holds_truth_value(value)
+    numeric = table.dtype.kind in "iuf" and not holds_truth_value(value)
     table = table.astype(float) if numeric else np.empty((0, 0))
     if table.ndim == 0:
         if not 0 < table <= 1:
@@ -188,16 +192,16 @@ def as_quantum_efficiency(value: float | Sequence[tuple[float, float]]) -> Quant
     return tuple((float(wavelength), float(fraction)) for wavelength, fraction in table)
 
 
-def _holds_truth_value(value: object) -> bool:
+def holds_truth_value(value: object) -> bool:
     """Whether a value, or one in its lists, is true or false."""
     if isinstance(value, list | tuple):
-        return any(map(_holds_truth_value, value))
+        return any(map(holds_truth_value, value))
     return isinstance(value, bool | np.bool_)
 
 
 @lru_cache(maxsize=64)
 def _electrons_per_lm_s(
-    spectrum: str, quantum_efficiency: QuantumEfficiency, reflectance: tuple[tuple[float, float], ...] = ()
+    spectrum: Light, quantum_efficiency: QuantumEfficiency, reflectance: tuple[tuple[float, float], ...] = ()
 ) -> float:
     wavelength_nm, power, visibility = spectral_weights(spectrum)
     if reflectance:
@@ -221,13 +225,13 @@ def _electrons_per_lm_s(
 
 
 @lru_cache(maxsize=16)
-def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def spectral_weights(spectrum: Light) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Nodes of the integrals over a spectrum: a sum over them takes the place of the integral.
 
     Parameters
     ----------
-    spectrum : str
-        As for `photon_radiance_per_cd_m2`.
+    spectrum : str or tuple of (float, float)
+        As for `electron_radiance_per_cd_m2`.
 
     Returns
     -------
@@ -244,8 +248,11 @@ def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.flo
         return np.array([_THESIS_WAVELENGTH_NM]), np.ones(1), efficacy
     first, last = WAVELENGTH_RANGE_NM
     illuminants, observer = _colour_tables()
-    line = _MONOCHROMATIC.fullmatch(spectrum)
-    if line:
+    if not isinstance(spectrum, str):
+        wavelength_nm = np.arange(first, last + 1)
+        known, powers = np.array(spectrum).T
+        power = np.interp(wavelength_nm, known, powers, left=0, right=0)
+    elif line := _MONOCHROMATIC.fullmatch(spectrum):
         wavelength_nm = np.array([float(line[1])])
         power = np.ones(1)
         if not first <= wavelength_nm[0] <= last:
@@ -263,12 +270,6 @@ def spectral_weights(spectrum: str) -> tuple[NDArray[np.float64], NDArray[np.flo
             f"{THESIS_SPECTRUM!r} or one of {_runs_text(illuminants)}"
         )
     return wavelength_nm, power, np.interp(wavelength_nm, observer.wavelengths, observer.values)
-
-
-def visibility_at(wavelength_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-    """V(lambda) of the CIE 1924 photopic observer at wavelengths in nm."""
-    _, observer = _colour_tables()
-    return np.asarray(np.interp(wavelength_nm, observer.wavelengths, observer.values, left=0, right=0))
 
 
 @lru_cache(maxsize=1)

@@ -7,7 +7,8 @@ from labcdp import Chain
 from labcdp.chain import ColourPlane
 from labcdp.chain.luminance import luminance_weights
 from labcdp.core.errors import InputError
-from labcdp.core.photometry import electron_radiance_per_cd_m2, visibility_at
+from labcdp.core.photometry import electron_radiance_per_cd_m2
+from labcdp.core.spectra import SpectralTable, f1_prime
 
 from .test_colour import PLANES, coloured
 
@@ -24,21 +25,16 @@ def test_weights_are_those_stated_or_nearest_to_the_eye():
     # Planes of one sensitivity count by their pixels.
     alike = [{"name": name, "quantum_efficiency": 0.3} for name in "RGB"]
     assert weights_of("RGGB", sensor__planes=alike) == pytest.approx({"R": 0.25, "G": 0.5, "B": 0.25})
-    # A small change of any weight makes the combined sensitivity less like V.
+    # A small change of any weight makes the combined sensitivity less like V: f1' is larger.
     wavelength_nm = np.arange(380.0, 781)
-    curves = {
-        name: np.interp(wavelength_nm, *np.transpose(PLANES[name]), left=0, right=0)
-        * wavelength_nm / electron_radiance_per_cd_m2("D65", PLANES[name])
-        for name in PLANES
-    }  # fmt: skip
 
     def distance(weights):
-        one = sum(weight * curves[name] for name, weight in weights.items())
-        # The luminance of the light of the chain is that of V: a scale for it, from the clear plane alone.
-        return float(np.square(one - visibility_at(wavelength_nm) * scale).sum())
+        total = 0.0
+        for name, weight in weights.items():
+            efficiency = np.interp(wavelength_nm, *np.transpose(PLANES[name]), left=0, right=0)
+            total = total + weight * efficiency * wavelength_nm / electron_radiance_per_cd_m2("D65", PLANES[name])
+        return f1_prime(SpectralTable(tuple(wavelength_nm), tuple(total)))
 
-    # Electrons per lumen of a detector like V are 683 lm/W in photons of each wavelength.
-    scale = 6.62607015e-34 * 299792458.0 / 1e-9 * 683.0
     for pattern in ("RGGB", "RCCB", "RGB-IR"):
         best = weights_of(pattern)
         assert sum(best.values()) == pytest.approx(1.0)

@@ -19,10 +19,13 @@ from ...core.disk.files import shortened, shown
 from ...core.disk.tiff import open_tiff, pixels_of
 from ...core.errors import InputError, naming
 from ..fixed_pattern import kept
-from ..parameters import Number, Oversampling, Parameters
+from ..parameters import Number, Oversampling, Parameters, file_state
 from ..point_spread import pixel_means
 from .scene import FloatMap, Level, Mask, Patch, luminance_map
+from .spectra import RegionSpectrum, checked_spectra
 
+#: Name of the whole image among the regions that have spectra.
+WHOLE = "image"
 #: Size from which an image is refused.
 _MOST_BYTES = 2**31
 
@@ -41,6 +44,9 @@ class ImageScene(Parameters):
         Regions to be evaluated: name and x, y, width, height in pixels. The pairs are neighbours in mean luminance.
     oversampling : int
         Values of the image on each side of a pixel of the camera, 1 to 64.
+    spectra : tuple of RegionSpectrum
+        Spectra of the whole as ``image``, and of regions by their names, that are not those of the chain. Where regions
+        overlap, that of the later one counts.
 
     Raises
     ------
@@ -61,6 +67,7 @@ class ImageScene(Parameters):
     cd_m2_per_value: Annotated[float, Number("cd/m²", 0, above=True)] = 1.0
     regions_xywh: Mapping[str, tuple[int, int, int, int]] = field(default_factory=dict)
     oversampling: Oversampling = 1
+    spectra: tuple[RegionSpectrum, ...] = field(default=(), metadata={"table": RegionSpectrum})
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -74,10 +81,11 @@ class ImageScene(Parameters):
             )
         regions = {name: self._checked(name, corners) for name, corners in self.regions_xywh.items()}
         object.__setattr__(self, "regions_xywh", regions)
+        object.__setattr__(self, "spectra", checked_spectra(self.spectra, [WHOLE, *regions]))
 
     @cached_property
     def _luminance(self) -> FloatMap:
-        scene = _luminance_of(self.path, _state_of(self.path), self.cd_m2_per_value)
+        scene = _luminance_of(self.path, file_state(self.path), self.cd_m2_per_value)
         if any(size % self.oversampling for size in scene.shape):
             raise InputError(
                 f"path is {str(self.path)!r}, of {scene.shape[1]} x {scene.shape[0]} values, which {self.oversampling} "
@@ -125,6 +133,12 @@ class ImageScene(Parameters):
             masks[name][patch.rows, patch.columns] = True
         return masks
 
+    def spectral_regions(self) -> Mapping[str, Mask]:
+        """Return the samples of the whole image and of the regions, shape of the luminance map."""
+        whole = {WHOLE: np.ones(self._luminance.shape, bool)}
+        samples = np.ones((self.oversampling, self.oversampling), bool)
+        return whole | {name: np.kron(mask, samples) for name, mask in self.regions().items()}
+
     def levels(self) -> Sequence[Level]:
         """Return nothing: an image has any number of luminances."""
         return ()
@@ -135,15 +149,6 @@ class ImageScene(Parameters):
         means = {name: float(seen[mask].mean()) for name, mask in self.regions().items()}
         ordered = sorted(means, key=lambda name: means[name])
         return tuple((a, b) for a, b in pairwise(ordered) if means[a] < means[b])
-
-
-def _state_of(path: Path) -> tuple[int, int] | None:
-    """Return time and size of a file, by which it is read again where it changed; None if there is none."""
-    try:
-        status = path.stat()
-    except OSError:
-        return None
-    return status.st_mtime_ns, status.st_size
 
 
 @kept

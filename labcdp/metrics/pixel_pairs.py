@@ -38,8 +38,9 @@ def bright_and_dark(
     InputError
         If a region cannot be used, or neither holds a value above 0.
     """
-    # Only floats are sorted; counting integers is too fast to benefit from a thread.
-    sizes = [region.size for region in (a, b) if isinstance(region, np.ndarray) and region.dtype.kind == "f"]
+    # Values of up to 16 bits are not sorted; counting them is too fast to benefit from a thread.
+    regions = [region for region in (a, b) if isinstance(region, np.ndarray)]
+    sizes = [region.size for region in regions if region.dtype.kind == "f" or region.dtype.itemsize > 2]
     first, second = each_in_thread(
         lambda named: as_distribution(*named), list(zip((a, b), names, strict=True)), max(sizes, default=0)
     )

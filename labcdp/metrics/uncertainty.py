@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.computer import each_in_thread
 from ..core.errors import InputError
 from ..core.quantity import Z_95, Interval, Number, as_number
 from .contrast import ContrastDefinition, Epsilon, checked_contrast, detected_ratios
@@ -68,8 +69,10 @@ def unbiased_variance(
     m, n = float(dark_counts.sum()), float(bright_counts.sum())
     if min(m, n) < 2:
         return nan
-    scatters = scatter(share_per_dark, dark_counts, share), scatter(share_per_bright, bright_counts, share)
-    return max(*_estimates(share, *scatters, m, n))
+    regions = [(share_per_dark, dark_counts), (share_per_bright, bright_counts)]
+    sizes = min(share_per_dark.size, share_per_bright.size)
+    of_dark, of_bright = each_in_thread(lambda region: scatter(*region, share), regions, sizes)
+    return max(*_estimates(share, of_dark, of_bright, m, n))
 
 
 def _estimates(u: Number, a: Number, b: Number, m: Number, n: Number) -> tuple[Number, Number]:

@@ -2,7 +2,8 @@
 
 The numbers are facts from runs of ISETCam itself, recorded as baselines of the tests of SeongcheolJeong/pyisetcam (MIT
 licence), tests/parity/baselines: scene_uniform_d65_small, scene_uniform_monochromatic_small, oi_cos4th_small,
-optics_airy_disk_small and sensor_snr_components_small. ISETCam sums from 400 to 700 nm in steps of 10 nm.
+optics_airy_disk_small, sensor_snr_components_small, sensor_imx490_uniform_small and
+sensor_split_pixel_ovt_saturated_small. ISETCam sums from 400 to 700 nm in steps of 10 nm.
 """
 
 import numpy as np
@@ -11,7 +12,7 @@ from scipy.integrate import trapezoid
 from scipy.optimize import minimize_scalar
 from scipy.special import j0
 
-from labcdp.chain import CameraModel, ExposureSettings, Optics, Sensor
+from labcdp.chain import CameraModel, Chain, ExposureSettings, Optics, Sensor
 from labcdp.chain.point_spread import diffraction_mtf
 from labcdp.chain.predict.prediction import PatchRates, predict
 from labcdp.core.photometry import PLANCK_J_S, SPEED_OF_LIGHT_M_S, photon_radiance_per_cd_m2, spectral_weights
@@ -96,3 +97,75 @@ def test_signal_to_noise_ratio_of_all_components():
     camera = CameraModel(sensor, ExposureSettings(1.0))
     snr = predict(camera, PatchRates(electrons, 1.1 * electrons), 0.1).snr_dark
     np.testing.assert_allclose(snr, 10 ** (np.array(expected_db) / 20), rtol=1e-3)
+
+
+def uniform_chain(sensor, mean_e, captures):
+    """A uniform field that gives the sensor's own photodiode so many electrons, on the axis."""
+    document = {
+        "spectrum": "monochromatic 550 nm",
+        "scene": {"type": "flat", "width": 256, "height": 256, "luminance_cd_m2": 1.0},
+        "optics": {"f_number": 4.0, "transmittance": 1.0},
+        "exposure": {"exposure_s": 0.1},
+        "sensor": {"pixel_pitch_m": 3e-6, "quantum_efficiency": 0.5, "dark_current_e_s": 0.0, "bits": 12}
+        | sensor
+        | {"captures": captures},
+    }
+    chain = Chain.from_document(document)
+    per_cd_m2 = Optics(4.0, 1.0).axial_illuminance_per_cd_m2 * chain.sensors[0][1].electrons_per_lx_s(
+        "monochromatic 550 nm"
+    )
+    return chain.with_(scene__luminance_cd_m2=mean_e / (0.1 * per_cd_m2))
+
+
+def test_four_captures_of_imx490():
+    """Wells of 120,000 and 60,000 e-, areas of 9 to 1, a swing of 4096 x 0.25 mV, 12 bits, each at gains 1 and 4.
+
+    A uniform scene of 100 cd/m2, 0.1 s, without noise: electrons, volts and DN of sensor_imx490_uniform_small. Its
+    electrons of the large photodiode are taken, as the quantum efficiencies are in no text; all else follows.
+    """
+    electrons = np.array([8336.21005952, 8336.21005952, 926.24414598, 926.24414598])
+    volts = np.array([0.07113564, 0.28454256, 0.01580792, 0.06323168])
+    dn = np.array([284.54647827, 1138.16870117, 63.2016983, 252.92951965])
+    swing_v = 4096 * 0.25e-3
+    wells_e, gains = np.array([120_000, 120_000, 60_000, 60_000]), np.array([1, 4, 1, 4])
+    # By hand: the swing is the full well at gain 1, and the range of the converter.
+    np.testing.assert_allclose(electrons * swing_v / wells_e * gains, volts, rtol=2e-6)
+    np.testing.assert_allclose(volts * 4096 / swing_v, dn, rtol=1e-3)
+    k_dn_per_e = (4096 / wells_e * gains).tolist()
+    names = ("large-1x", "large-4x", "small-1x", "small-4x")
+    captures = [
+        {"name": name, "k_dn_per_e": k, "photodiode": "small" if "small" in name else ""}
+        for name, k in zip(names, k_dn_per_e, strict=True)
+    ]
+    sensor = {"full_well_e": 120_000, "k_dn_per_e": k_dn_per_e[0], "read_noise_e": 1.0}
+    sensor["photodiodes"] = [{"name": "small", "light_share": 1 / 9, "full_well_e": 60_000}]
+    run = uniform_chain(sensor, electrons[0], captures).run(1)
+    seen = np.array([run[f"sensor {name}"].values.mean() for name in names])
+    # Of 65,536 pixels with photon noise: below 2e-4 of the mean.
+    np.testing.assert_allclose(seen, dn, rtol=1e-3)
+
+
+def test_saturated_split_pixel():
+    """Captures of R32 of IISW 2019 in far too much light: volts of sensor_split_pixel_ovt_saturated_small.
+
+    22,000 e- at 49 uV, the same swing at 200 uV, and 7900 e- at 49 uV for the small photodiode.
+    """
+    volts, uv_per_e, wells_e = np.array([1.07799995, 1.07799995, 0.38710001]), (49, 200, 49), (22_000, 5390, 7900)
+    np.testing.assert_allclose(np.array(wells_e) * uv_per_e * 1e-6, volts, rtol=1e-6)
+    names = ("LPD-LCG", "LPD-HCG", "SPD-LCG")
+    dn_per_v = 3500.0
+    captures = [
+        {
+            "name": name,
+            "k_dn_per_e": uv * 1e-6 * dn_per_v,
+            "full_well_e": well,
+            "photodiode": "small" * (name[0] == "S"),
+        }
+        for name, uv, well in zip(names, uv_per_e, wells_e, strict=True)
+    ]
+    sensor = {"full_well_e": 22_000, "k_dn_per_e": captures[0]["k_dn_per_e"], "read_noise_e": 0.0}
+    sensor["photodiodes"] = [{"name": "small", "light_share": 0.01, "full_well_e": 7900}]
+    run = uniform_chain(sensor, 1e8, captures).run(1)
+    seen = np.array([run[f"sensor {name}"].values.mean() for name in names])
+    # Whole DN.
+    np.testing.assert_allclose(seen / dn_per_v, volts, atol=0.5 / dn_per_v)

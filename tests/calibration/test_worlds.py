@@ -1,5 +1,6 @@
 """Stated 95 % intervals in worlds that differ from the fitted model; `benchmarks/worlds` runs all of them at length."""
 
+from dataclasses import replace
 from functools import cache
 from math import sqrt
 
@@ -8,13 +9,14 @@ import pytest
 from scipy.stats import norm
 from worlds.bench import FRAMES, QUANTITIES, calibrate_once
 from worlds.camera import expected_dn, expected_noise_dn, expose, make_device
+from worlds.captures import received
 from worlds.catalogue import WORLDS
 from worlds.meter import read_patches, scale_errors
 from worlds.recorder import LIGHT_S, READ_S, Recorder
 from worlds.table import LOWEST, NAMED, binomial_error, names_effect, summarise
 from worlds.target import calibration_target
 from worlds.truth import PIXELS, cdp
-from worlds.world import HEIGHT, WIDTH, World
+from worlds.world import HEIGHT, SPLIT_PIXEL, WIDTH, World
 
 from labcdp.calibration.bracket import bracket_luminance
 
@@ -24,7 +26,7 @@ HOLDING += ("one wrong reading of one, 20 %", "patch scatter 1 %, 8 patches, 4 e
 HOLDING += ("DSNU 5 e-", "lamp drift 3 %", "black-level drift 0.1 DN", "dark current 2000 e-/s, 1 ms to 1 s")
 HOLDING += ("Bayer, coloured patches", "later: black level 1 DN", "later: pulsed lamp, 20 %")
 HOLDING += ("gradient 3 % in each patch, scatter 0.3 %", "hot spot 5 % in each patch, meter sees a third")
-HOLDING += ("exposures 50 µs longer than stated",)
+HOLDING += ("exposures 50 µs longer than stated", "split pixel, 12-bit codes")
 #: Effects that a finding names mostly.
 SEEN = ("one wrong reading of one, 20 %", "vignetting, no correction", "lamp drift 3 %")
 SEEN += ("hot spot 5 % in each patch, meter sees a third", "exposures 50 µs longer than stated")
@@ -46,6 +48,21 @@ def test_mean_and_variance_of_frames_follow_photon_transfer(rng):
     # Rows have a common part: take it as fully common, 4 rows a frame.
     assert frames.mean() == pytest.approx(expected_dn(device, 40.0, 0.01), abs=4 * noise_dn / sqrt(200 * 4), rel=0)
     assert frames.var(axis=0, ddof=1).mean() == pytest.approx(noise_dn**2, rel=4 * sqrt(2 / (200 * 4)))
+
+
+@pytest.mark.parametrize("luminance_cd_m2", [0.5, 3.0, 12.0, 60.0, 400.0])
+def test_merged_captures_have_the_light_of_all_and_the_noise_of_the_taken(rng, luminance_cd_m2):
+    """Each of the three captures within its range, before the codes and in them."""
+    for world in (
+        World(captures=SPLIT_PIXEL, k_dn_per_e=0.748),
+        World(captures=SPLIT_PIXEL, k_dn_per_e=0.748, coded=True),
+    ):
+        device = replace(make_device(world, rng), responsivity_e_s_cd_m2=8e5, vignetting=np.ones((HEIGHT, WIDTH)))
+        values = received(expose(device, luminance_cd_m2, 0.001, rng), world)
+        noise_dn = expected_noise_dn(device, luminance_cd_m2, 0.001)
+        n = values.size
+        assert values.mean() == pytest.approx(expected_dn(device, luminance_cd_m2, 0.001), abs=4 * noise_dn / sqrt(n))
+        assert values.var() == pytest.approx(noise_dn**2, rel=4 * sqrt(2 / n) + 0.02)
 
 
 def test_true_cdp_equals_all_pairs_and_the_closed_form(rng):

@@ -23,6 +23,13 @@ MERGED = {
     "hdr": {"method": "normal", "bits": 16},
     "isp": {"type": "pwl", **KNEES},
 }
+#: A capture with its own gain and photodiode, which nothing merges.
+CAPTURE = SINGLE | {
+    "sensor": SENSOR | {
+        "photodiodes": [{"name": "small", "light_share": 0.4, "full_well_e": 5000}],
+        "captures": [{"name": "low", "photodiode": "small", "k_dn_per_e": 0.7, "exposure_s": 0.02}],
+    },
+}  # fmt: skip
 
 
 def chain_of(changes):
@@ -31,7 +38,7 @@ def chain_of(changes):
     return Chain.from_document(document)
 
 
-@pytest.mark.parametrize("changes", [SINGLE, MERGED], ids=["one exposure", "merged"])
+@pytest.mark.parametrize("changes", [SINGLE, CAPTURE, MERGED], ids=["one exposure", "one capture", "merged"])
 def test_exact_prediction_is_that_of_simulated_frames(changes):
     """20 cells of 65536 pixels; each within 3.5 standard errors of the simulated CDP."""
     chain = chain_of(changes)

@@ -23,6 +23,8 @@ from .rates import pair_rates
 from .stage import camera_of_stage, sensor_of_stage
 
 FloatArray = NDArray[np.float64]
+#: Cells of several captures that are predicted at once: the distributions at all their phases are held, some MB a cell.
+_CELLS = 8
 #: First nodes over the phase of a pulsed lamp at random.
 _PHASES = 48
 #: Share of the period times change of what is followed, above which an interval is divided; parts that it then has, and
@@ -65,6 +67,27 @@ def predict_lamp(
     cells, times = list(cells) * (n_cells // len(cells)), capture_times(chain, sensor, stage)
     targets = np.broadcast_to(targets, (n_cells,))
 
+    size = n_cells if len(times) == 1 else _CELLS
+    parts = []
+    for begin in range(0, n_cells, size):
+        part = slice(begin, begin + size)
+        parts.append(_predict_part(chain, sensor, camera, cells[part], times, targets[part], epsilon))
+    return ExactPrediction(*np.concatenate(parts, axis=1))
+
+
+def _predict_part(
+    chain: Chain,
+    sensor: Sensor,
+    camera: CameraModel,
+    cells: Sequence[LampScene],
+    times: Sequence[CaptureTime],
+    targets: FloatArray,
+    epsilon: float,
+) -> FloatArray:
+    """Predict some cells, shape (fields, cells)."""
+    names = [field.name for field in fields(ExactPrediction)]
+    is_lamp_dark = np.array([cell.luminance_cd_m2 < cell.background_cd_m2 for cell in cells])
+
     def evaluate(nodes: _Nodes) -> tuple[FloatArray, FloatArray]:
         rates = lamp_rates(chain, sensor, camera, [cells[number] for number in nodes.cell], nodes.phase, times)
         each, is_lamp_brighter = predict_captures(camera, rates, targets[nodes.cell], epsilon)
@@ -73,9 +96,7 @@ def predict_lamp(
         each = with_regions_exchanged(each, is_lamp_brighter == is_lamp_dark[nodes.cell])
         return np.stack([getattr(each, name) for name in names]), position
 
-    names = [field.name for field in fields(ExactPrediction)]
-    is_lamp_dark = np.array([cell.luminance_cd_m2 < cell.background_cd_m2 for cell in cells])
-    return ExactPrediction(*_over_phases(cells, times, evaluate))
+    return _over_phases(cells, times, evaluate)
 
 
 class _Nodes(NamedTuple):
@@ -181,6 +202,15 @@ def lamp_signals(chain: Chain, cells: Sequence[LampScene], stage: str) -> list[L
     sensor, name = sensor_of_stage(chain, stage)
     camera = camera_of_stage(chain, seen_sensor(sensor, chain.spectrum), name)
     times = capture_times(chain, sensor, name)
+    signals: list[LampSignal] = []
+    for begin in range(0, len(cells), _CELLS):
+        signals += _signals(chain, sensor, camera, cells[begin : begin + _CELLS], times)
+    return signals
+
+
+def _signals(
+    chain: Chain, sensor: Sensor, camera: CameraModel, cells: Sequence[LampScene], times: Sequence[CaptureTime]
+) -> list[LampSignal]:
     phases = [cell.lamp.phase_nodes(times, _PHASES) for cell in cells]
     # Without the lamp, last: a steady one at the light in between.
     dark = [

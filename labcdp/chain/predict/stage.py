@@ -33,9 +33,9 @@ def camera_of_stage(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
     assert chain.settings is not None
     names = chain.recorded_names
     index = names.index(stage)
-    if index < len(chain.capture_names):
-        capture = sensor.capture_models(chain.settings, chain.spectrum)[index]
-        return CameraModel(capture.sensor, capture.settings)
+    captures = sensor.capture_models(chain.settings, chain.spectrum)
+    if index < len(captures):
+        return CameraModel(captures[index].sensor, captures[index].settings)
     curves = [curve for name, curve in chain.behind if names.index(name) <= index]
     if len(curves) > 1 or not all(isinstance(curve, CodeCurve) for curve in curves):
         raise PredictionError(
@@ -43,4 +43,8 @@ def camera_of_stage(chain: Chain, sensor: Sensor, stage: str) -> CameraModel:
         )
     curve = curves[0] if curves else None
     tone_curve = curve if isinstance(curve, CodeCurve) else None
+    if chain.hdr is None:
+        # What is not merged is a single capture, with its own gain and photodiode.
+        (capture,) = captures
+        return CameraModel(capture.sensor, capture.settings, None, tone_curve)
     return CameraModel(sensor, chain.settings, chain.hdr, tone_curve, chain.spectrum)

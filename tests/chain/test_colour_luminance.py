@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+import tifffile
 
+import labcdp
 from labcdp import Chain
 from labcdp.chain import ColourPlane
 from labcdp.chain.luminance import luminance_weights
@@ -115,3 +117,24 @@ def test_what_cannot_be_is_refused():
     blurred = coloured("RGGB", "luminance").with_(optics__blur_sigma_m=2e-6)
     with pytest.raises(InputError, match="behind a lens that blurs"):
         blurred.sweep(exact=True, scene__luminance_cd_m2=[1.0])
+
+
+def test_pictures_of_the_mosaic_have_the_luminance_of_the_chain(tmp_path):
+    """The clear pixels of RCCB, as `--bayer RCCB` has them: cells of a picture against the prediction."""
+    planes = [
+        {"name": name, "quantum_efficiency": PLANES[name], "luminance_weight": float(name == "C")} for name in "RCB"
+    ]
+    mosaic = coloured("RCCB").with_(sensor__planes=planes, sensor__prnu_rel=0.0, sensor__dark_current_e_s=0.0)
+    mosaic = mosaic.with_(scene__square_px=128, scene__luminance_cd_m2=3.0)
+    exact = mosaic.with_(sensor__plane="luminance").sweep(exact=True, contrast=[0.5, 1.0], scene__luminance_cd_m2=[3.0])
+    tifffile.imwrite(tmp_path / "mosaic.tif", mosaic.run(6)["sensor"].values)
+    picture = labcdp.read_image(
+        tmp_path / "mosaic.tif", encoding="linear", bayer="RCCB", black_level_dn=64, bit_depth=12, no_vignetting=True
+    )
+    light = np.asarray(picture.luminance, dtype=float)
+    # Each cell of 2 x 2 pixels once, in the two upper squares.
+    cells = light[:128:2, ::2] if light.shape == (256, 256) else light[:64]
+    dark, bright = sorted((cells[:, :64], cells[:, 64:]), key=np.mean)
+    counted = labcdp.cdp(bright.ravel(), dark.ravel(), [0.5, 1.0])
+    z = (counted.cdp - exact["cdp"].values.ravel()) / np.maximum(counted.u, 1e-3)
+    assert np.abs(z).max() < 3.5

@@ -2,7 +2,7 @@
 
 Run ``python benchmarks/bench_live.py``; ``--seconds 28800`` watches for eight hours. A simulated camera in a process of
 its own streams over GigE Vision on loopback, ``labcdp bench`` receives it, and headless Chromium shows the page at
-1280 x 800 pixels with four regions and their CDP. Each frame carries the time at which it was sent, as a row of black
+1280 x 800 pixels with four regions and their CDP, or with ``--regions 36`` the matrix of all. Each frame carries the time at which it was sent, as a row of black
 and white squares that the browser reads from what it has drawn: the delay is that of the whole way, for the shipped
 program as it is. A line each ``--every`` seconds tells what changed since the last one.
 
@@ -55,6 +55,10 @@ WATCH = """([n_bits, side, wrap]) => {
     window.seen = sent
     window.delays.push(((Date.now() - sent) % wrap + wrap) % wrap)
   }))
+  window.matrices = 0
+  const matrix = Bokeh.documents[0].get_model_by_name("matrix")
+  if (matrix !== null)
+    matrix.renderers[0].data_source.properties.data.change.connect(() => { window.matrices += 1 })
 }"""
 
 
@@ -113,15 +117,28 @@ class Processes:
         return sum(one.num_fds() for one in self._all()), sum(one.num_threads() for one in self._all())
 
 
+def regions(n: int, width: int, height: int) -> list[RectangleShape]:
+    """Return regions in rows below the squares of the time, each of a tenth of the width at most."""
+    across = max(round(n**0.5), 2)
+    down = -(-n // across)
+    box_px = min(width // 10, width // (2 * across)), min(height // 10, height // (2 * down))
+    return [
+        RectangleShape(
+            f"P{number:02d}",
+            width * (2 * (number % across) + 1) // (2 * across) - box_px[0] // 2,
+            height // 10 + height * 9 // 10 * (2 * (number // across) + 1) // (2 * down) - box_px[1] // 2,
+            *box_px,
+        )
+        for number in range(n)
+    ]
+
+
 def watch(options: argparse.Namespace, folder: Path) -> None:
     """Show the page of a running camera, and print what it costs."""
     from playwright.sync_api import sync_playwright
 
     width, height = options.width, options.height
-    shapes = [
-        RectangleShape(name, *(int(v) for v in (x * width, y * height, width / 10, height / 10)))
-        for name, x, y in (("a", 0.1, 0.3), ("b", 0.8, 0.3), ("c", 0.3, 0.7), ("d", 0.6, 0.7))
-    ]
+    shapes = regions(options.regions, width, height)
     save_regions(folder / "bench.rois.json", shapes, (width, height))
     command = [str(Path(sys.executable).with_name("labcdp")), "bench", "--camera", ADDRESS, "--no-open", "--json"]
     server = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -153,7 +170,7 @@ def watch(options: argparse.Namespace, folder: Path) -> None:
 def follow(page, sides: tuple[Processes, Processes], options: argparse.Namespace) -> None:  # type: ignore[no-untyped-def]
     """Print a line each while, and a summary."""
     print(
-        f"{'min':>6s} {'shown/s':>8s} {'delay p50':>9s} {'p90':>5s} {'p99':>5s} {'server cores':>12s} {'browser':>8s} "
+        f"{'min':>6s} {'shown/s':>8s} {'matrix/s':>8s} {'delay p50':>9s} {'p90':>5s} {'p99':>5s} {'server cores':>12s} {'browser':>8s} "
         f"{'ms/frame':>8s} {'browser':>8s} {'server MB':>9s} {'browser':>8s} {'files':>9s} {'threads':>9s}"
     )
     began_s = last_s = time.monotonic()
@@ -162,6 +179,7 @@ def follow(page, sides: tuple[Processes, Processes], options: argparse.Namespace
     while last_s - began_s < options.seconds:
         page.wait_for_timeout(1000 * min(options.every, options.seconds))
         delays = page.evaluate("() => window.delays.splice(0)")
+        n_matrices = page.evaluate("() => { const n = window.matrices; window.matrices = 0; return n }")
         now_s, now_used = time.monotonic(), [side.cpu_s() for side in sides]
         spent, during_s, last_s = np.subtract(now_used, used), now_s - last_s, now_s
         used, n = now_used, max(len(delays), 1)
@@ -170,7 +188,7 @@ def follow(page, sides: tuple[Processes, Processes], options: argparse.Namespace
         p50, p90, p99 = np.percentile(delays or [np.nan], (50, 90, 99))
         per_frame = 1e3 * spent / n
         print(
-            f"{(now_s - began_s) / 60:6.1f} {len(delays) / during_s:8.2f} {p50:6.0f} ms {p90:5.0f} {p99:5.0f} "
+            f"{(now_s - began_s) / 60:6.1f} {len(delays) / during_s:8.2f} {n_matrices / during_s:8.2f} {p50:6.0f} ms {p90:5.0f} {p99:5.0f} "
             f"{spent[0] / during_s:12.2f} {spent[1] / during_s:8.2f} {per_frame[0]:8.1f} {per_frame[1]:8.1f} "
             f"{memory[0]:9.1f} {memory[1]:8.1f} "
             f"{counts[0][0]:5d} {counts[1][0]:4d} {counts[0][1]:5d} {counts[1][1]:4d}",
@@ -194,6 +212,7 @@ def main() -> None:
     parser.add_argument("--width", type=int, default=2452)
     parser.add_argument("--height", type=int, default=2056)
     parser.add_argument("--rate", type=float, default=15.0)
+    parser.add_argument("--regions", type=int, default=4, help="all against all are shown from 7 on")
     parser.add_argument("--format", default="", help="pixel format, for example BayerRG8")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--every", type=float, default=20.0)

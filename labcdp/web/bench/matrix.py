@@ -93,7 +93,7 @@ class MatrixPlot:
         self._shown: LiveMatrix | None = None
         self._values = ColumnDataSource(data=dict.fromkeys(("bright", "dark", "cdp", "target", "measured"), ()))
         self._across, self._down = FactorRange(), FactorRange()
-        self.figure = small_plot(300, x_range=self._across, y_range=self._down)
+        self.figure = small_plot(300, name="matrix", x_range=self._across, y_range=self._down)
         colours = LinearColorMapper(palette=Viridis256, low=0, high=1, nan_color="#e8e8e8")
         fill = {"field": "cdp", "transform": colours}
         self.figure.rect("bright", "dark", 1, 1, source=self._values, line_color=None, fill_color=fill)

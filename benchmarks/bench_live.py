@@ -2,9 +2,10 @@
 
 Run ``python benchmarks/bench_live.py``; ``--seconds 28800`` watches for eight hours. A simulated camera in a process of
 its own streams over GigE Vision on loopback, ``labcdp bench`` receives it, and headless Chromium shows the page at
-1280 x 800 pixels with four regions and their CDP, or with ``--regions 36`` the matrix of all. Each frame carries the time at which it was sent, as a row of black
-and white squares that the browser reads from what it has drawn: the delay is that of the whole way, for the shipped
-program as it is. A line each ``--every`` seconds tells what changed since the last one.
+1280 x 800 pixels with four regions and their CDP, or with ``--regions 36`` the matrix of all. Each frame carries the
+time at which it was sent, as a row of black and white squares that the browser reads from what it has drawn: the delay
+is that of the whole way, for the shipped program as it is. A line each ``--every`` seconds tells what
+changed since the last one.
 
 Processor time is that of the server, and of all processes of the browser, which draws without a graphics processor.
 """
@@ -170,7 +171,8 @@ def watch(options: argparse.Namespace, folder: Path) -> None:
 def follow(page, sides: tuple[Processes, Processes], options: argparse.Namespace) -> None:  # type: ignore[no-untyped-def]
     """Print a line each while, and a summary."""
     print(
-        f"{'min':>6s} {'shown/s':>8s} {'matrix/s':>8s} {'delay p50':>9s} {'p90':>5s} {'p99':>5s} {'server cores':>12s} {'browser':>8s} "
+        f"{'min':>6s} {'shown/s':>8s} {'matrix/s':>8s} "
+        f"{'delay p50':>9s} {'p90':>5s} {'p99':>5s} {'server cores':>12s} {'browser':>8s} "
         f"{'ms/frame':>8s} {'browser':>8s} {'server MB':>9s} {'browser':>8s} {'files':>9s} {'threads':>9s}"
     )
     began_s = last_s = time.monotonic()
@@ -188,7 +190,8 @@ def follow(page, sides: tuple[Processes, Processes], options: argparse.Namespace
         p50, p90, p99 = np.percentile(delays or [np.nan], (50, 90, 99))
         per_frame = 1e3 * spent / n
         print(
-            f"{(now_s - began_s) / 60:6.1f} {len(delays) / during_s:8.2f} {n_matrices / during_s:8.2f} {p50:6.0f} ms {p90:5.0f} {p99:5.0f} "
+            f"{(now_s - began_s) / 60:6.1f} {len(delays) / during_s:8.2f} "
+            f"{n_matrices / during_s:8.2f} {p50:6.0f} ms {p90:5.0f} {p99:5.0f} "
             f"{spent[0] / during_s:12.2f} {spent[1] / during_s:8.2f} {per_frame[0]:8.1f} {per_frame[1]:8.1f} "
             f"{memory[0]:9.1f} {memory[1]:8.1f} "
             f"{counts[0][0]:5d} {counts[1][0]:4d} {counts[0][1]:5d} {counts[1][1]:4d}",

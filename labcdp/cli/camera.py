@@ -207,12 +207,12 @@ def verify(
         result = verification_result(verification, session.resolve().name, inputs)
         files = SavedFile.of(folder.path(path.name)), file
         certified = verification_certificate(observed, loaded, verification, *files)
-        written = folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
-    following = [f"Saved: {', '.join(map(str, (path, *written)))}"]
+        folder.add({"certificate.html": certified, "results.json": envelope_json(result).encode()})
+    following = []
     if verification.verdict == "not conform":
         history = f"labcdp history {shell_word(path.parent)}"
         following.append(f"Next: labcdp acquire and labcdp calibrate, then {history}")
-    results.print(result, *following, page=folder.folder / "certificate.html")
+    results.show(result, folder, "certificate.html", *following)
     raise typer.Exit(EXIT_STATUS[verification.verdict])
 
 

@@ -18,7 +18,7 @@ from ..core.result import Result
 from ..evaluate.contrasts import parse_contrasts
 from ..evaluate.judgement import Verdict, worst_verdict
 from ..metrics.contrast import TargetContrasts
-from ..output import ResultsFolder, check_file
+from ..output import ResultsFolder, check_file, read_list
 from .commands import COMMAND, GIVEN, As, Json
 from .terminal import print_result, say, say_where
 from .values import (
@@ -217,15 +217,24 @@ class Results:
         folder = self.output or default_folder(source, command)
         return ResultsFolder(folder, command, force=self.force, resume=resume, inputs=_inputs("--output"))
 
-    def show(self, result: Result, folder: ResultsFolder, page: str = "report.html", also: str = "") -> None:
-        """Print a result and where its page is, and open the page if that is wanted."""
-        self.print(result, f"Report: {folder.folder / page}{also}", page=folder.folder / page)
+    def show(self, result: Result, folder: ResultsFolder, page: str = "report.html", *following: str) -> None:
+        """Print a result, where its page and the files beside it are, and the lines that follow."""
+        self.print(result, _report_line(folder.folder, page), *following, page=folder.folder / page)
 
     def print(self, result: Result, *following: str, page: Path) -> None:
         """Print a result and, unless as JSON, the lines that follow; open the page if that is wanted."""
         print_result(result, *following)
         if self.open_page and page.suffix == ".html":
             typer.launch(str(page))
+
+
+def _report_line(folder: Path, page: str) -> str:
+    """Say where a page is, and name the files beside it."""
+    written = read_list(folder)
+    names = [] if written is None else [file.name for file in written.files if "/" not in file.name]
+    others = [name for name in names if name != page]
+    more = f"; also {', '.join(others[:-1])}{' and ' if others[1:] else ''}{others[-1]}" if others else ""
+    return f"Report: {folder / page}{more}"
 
 
 #: Length of a name that file systems allow.

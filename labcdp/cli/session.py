@@ -212,19 +212,15 @@ def calibrate(options: CalibrateOptions, session: Path, more: tuple[Path, ...] =
         inputs = [session_input(opened), *(session_input(Session.open(path)) for path in more)]
         configuration = {"output": str(folder.folder), **options.configuration()}
         result = calibration_result(calibration, opened.configuration.name, inputs, configuration)
-        written = folder.add(calibration_files(calibration, result))
+        folder.add(calibration_files(calibration, result))
         saved = SavedFile.of(folder.path(path.name))
         certified = calibration_certificate(observed[0], calibration, saved)
         files = {"certificate.html": certified, "results.json": envelope_json(result).encode()}
         if (digital := calibration_dcc(observed[0], calibration, saved)) is not None:
             files["certificate.xml"] = digital
-        written += folder.add(files)
+        folder.add(files)
     chosen = "" if options.output is None else f" --calibration {shell_word(path)}"
-    following = (
-        f"Saved: {', '.join(str(p) for p in (path, *written))}",
-        f"Next: labcdp evaluate {shell_word(session)}{chosen}",
-    )
-    options.print(result, *following, page=folder.folder / "calibration.html")
+    options.show(result, folder, "calibration.html", f"Next: labcdp evaluate {shell_word(session)}{chosen}")
 
 
 @dataclass(frozen=True)
@@ -294,8 +290,8 @@ def evaluate(options: EvaluateOptions, session: Path | None = None) -> None:
             _require_same(result, recorded, options.against)
         if path is None:
             save(evaluation.calibration, folder.path("calibration.json"))
-        written = folder.add(session_files(evaluation, result))
-    options.print(result, f"Written: {', '.join(map(str, written))}", page=folder.folder / "report.html")
+        folder.add(session_files(evaluation, result))
+    options.show(result, folder)
     if options.against is not None:
         say(f"Agrees with {options.against} within rounding")
     verdicts = {row.patch.name: row.limit_verdict for row in evaluation.patches}

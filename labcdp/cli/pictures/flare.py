@@ -100,4 +100,4 @@ def flare(
     with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
         result, made = evaluate_flare(settings)
         folder.add(made)
-    results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+    results.show(result, folder)

@@ -105,7 +105,7 @@ def image(options: ImageOptions, files: tuple[Path, ...]) -> None:
         # Failures are reported last.
         shown = tuple(finding for finding in result.findings if options.as_json or finding.severity != "error")
         page = "report.html" if options.pages or len(paths) > 1 else "results.xlsx"
-        options.show(replace(result, findings=shown), folder, page, "; also results.xlsx and results.json")
+        options.show(replace(result, findings=shown), folder, page)
     elif options.as_json:
         print_result(result)
     if failed:

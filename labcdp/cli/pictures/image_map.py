@@ -76,4 +76,4 @@ def image_map(
         source = converter.source(picture)
         result = map_result(edge_map, source, inputs)
         folder.add(contrast_map_files(edge_map, source, result))
-    results.show(result, folder, also="; also contrast-map.png, results.xlsx, results.nc and results.json")
+    results.show(result, folder)

@@ -53,6 +53,6 @@ def sfr(
     with results.folder(files[0] if len(files) == 1 else "pictures") as folder:
         result, written = evaluate_sharpness(settings, paths)
         folder.add(written)
-    results.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+    results.show(result, folder)
     if any(finding.severity == "error" for finding in result.findings):
         raise typer.Exit(1)

@@ -206,7 +206,7 @@ def video(options: VideoOptions, files: tuple[Path, ...]) -> None:
             result = evaluate_and_write({"": settings}, options, paths[0], {"": folder}, progress)[""]
             if isinstance(result, LabcdpError):
                 raise result
-        options.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+        options.show(result, folder)
         end_by_requirement(verdicts_of(result))
         return
     folder = options.folder(files[0] if len(files) == 1 else "videos", resume=True)
@@ -248,7 +248,7 @@ def _flicker(options: VideoOptions, files: Sequence[Path]) -> None:
 
         dataset, regions = evaluate_flicker(paths[0], settings, folder, progress=progress)
         result = write_flicker(dataset, regions, folder)
-    options.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+    options.show(result, folder)
 
 
 def _flicker_of_several(
@@ -321,7 +321,7 @@ def _chart(options: VideoOptions, files: Sequence[Path]) -> None:
 
         dataset = evaluate_chart_video(paths[0], settings, folder, progress=progress)
         result = write_chart_video(dataset, folder)
-    options.show(result, folder, also="; also results.xlsx, results.nc and results.json")
+    options.show(result, folder)
 
 
 def _regions(options: VideoPairOptions) -> tuple[dict[str, Roi], tuple[tuple[str, str], ...], ImageSize | None]:

@@ -103,7 +103,8 @@ def compare(
     ----------
     subjects : A B...
         Chains (presets or files), maps of sweeps, sessions, calibrations, pictures (with --roi), or results of labcdp
-        evaluate, image or characterise; files or folders of results. Each is compared with the first.
+        evaluate, image or characterise; files or folders of results. Each is compared with the first. A chain may be
+        alone with --require.
     """
     chosen = question.chosen(light)
     with results.folder(subjects[0]) as folder:

@@ -108,7 +108,7 @@ _TEMPLATES = {
     "chain": (lambda: preset_text("manta-g505"), "labcdp simulate {file}"),
     "camera": (example_camera, "labcdp image PICTURE --camera-spec {file}"),
     "chart": (lambda: chart_template("grid-6x6"), 'labcdp image PICTURE --chart {file} --corners "X,Y X,Y X,Y X,Y"'),
-    "requirement": (requirement_template, "labcdp compare CHAIN CHAIN --require {file}"),
+    "requirement": (requirement_template, "labcdp compare CHAIN --require {file}"),
     "simulated-bench": (example_simulated_bench, "labcdp acquire PLAN rehearsal --simulated-bench {file}"),
 }
 

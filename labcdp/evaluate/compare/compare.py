@@ -99,7 +99,7 @@ class ComparisonEvaluation:
     Parameters
     ----------
     subjects : tuple of Subject
-        At least two.
+        At least two, or one that is judged by a requirement.
     rows : tuple of Compared
         Values compared one by one.
     unmatched : tuple of str
@@ -147,7 +147,7 @@ def compare_subjects(
     Parameters
     ----------
     sources : sequence
-        At least two.
+        At least two; a chain that is judged by a requirement may be alone.
     question : Question, ImageSettings or None
         Question to chains, or settings for pictures; None for CDP over the luminance.
     progress : callable or None
@@ -158,7 +158,9 @@ def compare_subjects(
     InputError
         If subjects cannot be read or compared, or there is a question but no chain or no picture.
     """
-    subjects = read_subjects(sources, question if isinstance(question, ImageSettings) else None)
+    required = isinstance(question, Question) and question.requirement is not None
+    pictures = question if isinstance(question, ImageSettings) else None
+    subjects = read_subjects(sources, pictures, fewest=1 if required else 2)
     kind = subjects[0].kind
     picture_options = "regions and light", "picture"
     what, expected_kind = (

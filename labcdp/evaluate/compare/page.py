@@ -56,8 +56,17 @@ def _figures(comparison: ComparisonEvaluation) -> list[ReportFigure]:
     else:
         figure = _maps(grid, names, simulated) if grid.spanned == 2 else _curves(grid, names, comparison, simulated)
     first = comparison.subjects[0].name
-    caption = f"CDP, and its difference from {first}." if comparison.analyses else "Bars and bands are 95 % intervals."
-    return [reported("comparison", figure, caption, f"Comparison of {', '.join(names)}.")]
+    alone = len(names) == 1
+    caption = (
+        f"CDP{'' if alone else f', and its difference from {first}'}. Dotted: the limit."
+        if comparison.analyses
+        else "Bars and bands are 95 % intervals."
+    )
+    return [
+        reported(
+            "comparison", figure, caption, f"CDP of {names[0]}." if alone else f"Comparison of {', '.join(names)}."
+        )
+    ]
 
 
 def _values(comparison: ComparisonEvaluation, names: Sequence[str], simulated: str) -> Figure:
@@ -99,8 +108,9 @@ def _curves(grid: Grid, names: Sequence[str], comparison: ComparisonEvaluation, 
     """Draw overlaid curves, and below them the differences from the first with their intervals."""
     axis, sections = grid.axes[-1], _sections(grid)
     several = len(sections) > 1
-    figure = new_figure(7.5, 3.4 if grid.relative else 5.0, simulated)
-    panels = figure.subplots(1 if grid.relative else 2, 1, sharex=True, squeeze=False)[:, 0]
+    alone = len(names) == 1
+    figure = new_figure(7.5, 3.4 if grid.relative or alone else 5.0, simulated)
+    panels = figure.subplots(1 if grid.relative or alone else 2, 1, sharex=True, squeeze=False)[:, 0]
     for number, name in enumerate(names):
         for number_of_section, (at, index) in enumerate(sections):
             colour = COLOURS[(number_of_section if several else number) % len(COLOURS)]
@@ -111,14 +121,16 @@ def _curves(grid: Grid, names: Sequence[str], comparison: ComparisonEvaluation, 
             if number:
                 factor = 100 if grid.relative else 1
                 _draw(panels[-1], axis, [factor * end[index] for end in grid.differences[number - 1].ends], text, style)
-    panels[-1].axhline(0.0, color="0.4", linewidth=1)
+    if not alone:
+        panels[-1].axhline(0.0, color="0.4", linewidth=1)
     set_scale(axis, panels[-1].xaxis)
     if grid.relative:
         finish(panels[0], axis_label(axis), f"{grid.quantity} from that\nof {names[0]} in %", "", **_OUTSIDE)
     else:
         panels[0].axhline(comparison.analyses[0].level, color="0.4", linewidth=1, linestyle=":")
         panels[0].set_ylim(-0.03, 1.05)
-        finish(panels[0], "", grid.quantity, "", **_OUTSIDE)
+        finish(panels[0], axis_label(axis) if alone else "", grid.quantity, "", **_OUTSIDE)
+    if not (grid.relative or alone):
         label(panels[1], axis_label(axis), f"difference of {grid.quantity}\nfrom {names[0]}", "")
         panels[1].grid(color="0.9")
     figure.align_ylabels()
@@ -194,9 +206,12 @@ def comparison_files(comparison: ComparisonEvaluation, result: Result) -> dict[s
         for name, title in titles.items()
         if name in tables
     ]
-    sections.append(Section("Method and inputs", (_METHOD, facts_table(input_facts(result))), collapsed=True))
+    method = (_METHOD,) if len(comparison.subjects) > 1 else ()
+    sections.append(Section("Method and inputs", (*method, facts_table(input_facts(result))), collapsed=True))
     summary = " ".join(f"{capitalised(finding_text(finding))}." for finding in answers)
-    page = Page.of(result, f"Comparison of {comparison.kind}s", summary, _cards(comparison), lead, sections)
+    alone = len(comparison.subjects) == 1
+    kind = f"{capitalised(comparison.kind)} and a requirement" if alone else f"Comparison of {comparison.kind}s"
+    page = Page.of(result, kind, summary, _cards(comparison), lead, sections)
     page = replace(page, findings=[finding for finding in result.findings if finding not in answers])
     return result_files(result, page)
 

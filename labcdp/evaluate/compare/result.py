@@ -56,7 +56,7 @@ def compare_result(comparison: ComparisonEvaluation) -> Result:
     question = {} if comparison.question is None else comparison.question.configuration
     return Result(
         "compare",
-        " and ".join(names) if len(names) == 2 else f"{names[0]} and {len(names) - 1} others",
+        " and ".join(names) if len(names) <= 2 else f"{names[0]} and {len(names) - 1} others",
         tuple(tables),
         (*answer(comparison), *_assumptions(comparison)),
         tuple(file for subject in comparison.subjects for file in subject.inputs),
@@ -70,7 +70,7 @@ def answer(comparison: ComparisonEvaluation) -> tuple[Finding, ...]:
     differences = [row.difference for row in comparison.rows] + list(
         comparison.grid.differences if comparison.grid else ()
     )
-    if all(np.all(difference.value == 0) for difference in differences):
+    if len(comparison.subjects) > 1 and all(np.all(difference.value == 0) for difference in differences):
         return (info("compare-equal"),)
     if comparison.analyses:
         return tuple(_map_findings(comparison))

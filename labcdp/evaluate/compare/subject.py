@@ -71,7 +71,9 @@ class Subject:
     simulated: bool
 
 
-def read_subjects(sources: Sequence[Any], pictures: ImageSettings | None = None) -> tuple[Subject, ...]:
+def read_subjects(
+    sources: Sequence[Any], pictures: ImageSettings | None = None, fewest: int = 2
+) -> tuple[Subject, ...]:
     """Recognise and read what is compared.
 
     Parameters
@@ -81,11 +83,13 @@ def read_subjects(sources: Sequence[Any], pictures: ImageSettings | None = None)
         are as many subjects.
     pictures : ImageSettings or None
         Settings of the evaluation of pictures.
+    fewest : int
+        Number of subjects that are needed: one that is judged by a requirement needs no other.
 
     Raises
     ------
     InputError
-        If one cannot be read or is nothing that can be compared, if they are of different kinds, or less than two.
+        If one cannot be read or is nothing that can be compared, if they are of different kinds, or too few.
     """
     # What takes long, once it is known that all can be compared.
     later = {number: kind for number, source in enumerate(sources) if (kind := _evaluated_kind(source, pictures))}
@@ -98,7 +102,7 @@ def read_subjects(sources: Sequence[Any], pictures: ImageSettings | None = None)
     if len(kinds) > 1:
         (kind, a), (other_kind, b), *_ = reversed(kinds.items())
         raise InputError(f"{a} is a {kind}, but {b} is a {other_kind}: give several of the same kind")
-    if len(known) < 2:
+    if len(known) < fewest:
         raise InputError("there is nothing to compare with: give at least two")
     read |= {number: _read(sources[number], pictures) for number in later}
     subjects = [subject for number in range(len(sources)) for subject in read[number]]

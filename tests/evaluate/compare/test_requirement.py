@@ -1,12 +1,16 @@
 """Requirements: the lowest CDP over the luminances is that of a sweep, and what limits it is what was made bad."""
 
+from dataclasses import replace
 from math import sqrt
 
 import pytest
 
 from labcdp import Chain
 from labcdp.core.errors import ConfigurationError, InputError
+from labcdp.evaluate.compare.compare import Question, compare_subjects
+from labcdp.evaluate.compare.page import comparison_files
 from labcdp.evaluate.compare.requirement import TYPICAL, judged, luminances
+from labcdp.evaluate.compare.result import compare_result
 from labcdp.evaluate.requirement import Requirement
 
 REQUIRED = Requirement(contrast=0.8, luminance_cd_m2=(5.0, 50.0), temperature_c=60.0, cdp_limit=0.9)
@@ -86,6 +90,16 @@ def test_a_requirement_that_a_chain_cannot_be_judged_by(preset, changed, message
     chain = Chain.load(preset).with_(scene__width=32, scene__height=24, scene__square_px=4)
     with pytest.raises(InputError, match=message):
         judged(preset, chain, REQUIRED.model_copy(update=changed))
+
+
+def test_a_chain_alone_is_judged_as_beside_another(chain):
+    question = Question.by(REQUIRED)
+    alone, beside = (compare_subjects([chain] * n, question) for n in (1, 2))
+    assert alone.judged == (replace(beside.judged[0], name="split-pixel"),)
+    result = compare_result(alone)
+    assert result.title == "split-pixel"
+    assert "compare-equal" not in {finding.code for finding in result.findings}
+    assert {"report.html", "results.xlsx"} <= set(comparison_files(alone, result))
 
 
 @pytest.mark.parametrize(

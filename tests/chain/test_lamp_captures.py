@@ -182,6 +182,11 @@ def test_flicker_of_merged_captures():
         # Of pixels: noise of 400 pixels around the phases' means, by the simulation of one phase.
         steady = chain.with_(scene__phase=0.1).run(1)["hdr"].values[8:28, 14:34]
         assert 0.3 < noise_rel / (steady.std() / 20 / steady.mean()) < 3
+    # Readouts of one charge see one light, also behind a rolling shutter.
+    gains = SENSOR | {"full_well_e": 60_000, "captures": [{"name": "high"}, {"name": "low", "k_dn_per_e": 0.03}]}
+    rolling = lamp_chain("most-sensitive", gains, luminance_cd_m2=100.0, background_cd_m2=50.0)
+    rows = PulsedLamp(FREQUENCY_HZ, DUTY, OFF).flicker(0.004, n_rows=20, row_time_s=2e-4)
+    assert float(rolling.flicker(row_time_s=2e-4)["fmi"]) == pytest.approx(rows.fmi)
     # Where the long capture saturates, as the mean signal of frames over the phase.
     chain = lamp_chain("most-sensitive", SPLIT, luminance_cd_m2=3000.0)
     phases = [(number + 0.5) / 40 for number in range(40)]

@@ -150,7 +150,7 @@ def _block(chains: Sequence[Chain], stage: str | None, limits: Mapping[str, floa
         raise PredictionError("the flicker of the luminance of several planes cannot be predicted: choose a plane")
     times = capture_times(chains[0], sensor, name)
     scenes = [chain.scene for chain in chains if isinstance(chain.scene, LampScene)]
-    if len(times) > 1:
+    if len(set(times)) > 1:
         return _merged_block(chains[0], scenes, stage or chains[0].stage_names[-1], limits)
     hows = [{**limits, "n_rows": scene.side_px if limits["row_time_s"] else 1} for scene in scenes]
     lights = [

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from ..chain import Chain, ImageScene, preset_names, preset_text
+from ..chain.scene.spectra import spectra_of
 from ..core.errors import InputError
 from ..core.result import InputFile, Result
 from ..core.table import Column, Table
@@ -178,4 +179,6 @@ def _inputs(name: str, chain: Chain) -> list[InputFile]:
         inputs = [InputFile("preset", name, sha256(preset_text(name).encode()).hexdigest())]
     else:
         inputs = [InputFile.of("chain", name)]
-    return inputs + ([InputFile.of("picture", chain.scene.path)] if isinstance(chain.scene, ImageScene) else [])
+    pictures = [InputFile.of("picture", chain.scene.path)] if isinstance(chain.scene, ImageScene) else []
+    emissions = [spectrum.emission_path for spectrum in spectra_of(chain.scene)]
+    return inputs + pictures + [InputFile.of("emission", path) for path in emissions if path is not None]

@@ -1,5 +1,10 @@
 """Emissions as tables and files, in Python and chain files, and spectra of pictures as scenes."""
 
+import json
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -7,6 +12,7 @@ import labcdp
 from labcdp.chain import ImageScene, RegionSpectrum
 from labcdp.core.errors import InputError
 from labcdp.core.photometry import electron_radiance_per_cd_m2, spectral_weights
+from labcdp.evaluate.sweep.plan import Axis, Sweep
 
 from .test_colour import PLANES, coloured
 
@@ -78,6 +84,22 @@ def test_files_are_those_of_measured_spectra(tmp_path):
     assert again.with_(sensor__planes__B__luminance_weight=0.5).sensors[0][1].planes[2].luminance_weight == 0.5
     with pytest.raises(InputError, match="there is no 'X' in planes, give one of R, C, B"):
         again.with_(sensor__planes__X__luminance_weight=0.5)
+
+
+def test_results_state_the_file_and_sweeps_know_its_content(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write = (tmp_path / "lamp.csv").write_text
+    write("wavelength_nm,power\n600,0\n625,1\n650,0\n")
+    chain = coloured("RGGB", "R").with_(scene__spectra__bright__emission_path="lamp.csv")
+    sweep = Sweep(chain, (Axis("scene.luminance_cd_m2", (1.0, 2.0)),), exact=True)
+    first = sweep.identity()
+    write("wavelength_nm,power\n500,0\n525,1\n550,0.0\n")
+    assert sweep.identity() != first
+    chain.with_(scene__width=32, scene__height=32).save("chain.toml")
+    command = [str(Path(sys.executable).with_name("labcdp")), "simulate", "chain.toml"]
+    subprocess.run(command, check=True, capture_output=True)
+    inputs = json.loads((tmp_path / "chain-simulate" / "results.json").read_text())["inputs"]
+    assert "lamp.csv" in [Path(item["path"]).name for item in inputs]
 
 
 def test_a_picture_with_spectra(tmp_path):

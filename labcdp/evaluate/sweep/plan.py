@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...chain import Chain, ImageScene
+from ...chain.scene.spectra import spectra_of
 from ...core.disk.files import shown
 from ...core.disk.text import results_json
 from ...core.errors import InputError
@@ -213,6 +214,7 @@ class Sweep:
             "chain": sha256(results_json(self.chain.document).encode()).hexdigest(),
             # What a file holds is not in the chain.
             "image": sha256(scene.luminance_map().tobytes()).hexdigest() if isinstance(scene, ImageScene) else None,
+            "emissions": [spectrum.light for spectrum in spectra_of(scene) if spectrum.emission_path is not None],
             "axes": {axis.parameter: list(axis.values) for axis in self.axes},
             "exact": self.exact,
             "stage": self.stage,

@@ -32,6 +32,12 @@ def test_each_video_has_its_half_and_places_in_it():
             assert all(place is None or len(place) == 2 for place in known["places"].values()), (name, region)
 
 
+def test_both_halves_have_videos_of_their_own():
+    halves = {half: {v["sha256"] for v in VIDEOS.values() if v["half"] == half} for half in ("develop", "judge")}
+    assert min(map(len, halves.values())) >= 10
+    assert not halves["develop"] & halves["judge"]
+
+
 def test_the_digest_of_a_folder_is_that_of_its_files_one_after_another(tmp_path: Path):
     folder = tmp_path / "frames"
     folder.mkdir()

@@ -218,12 +218,33 @@ def all_commands() -> dict[str, Any]:
 def _command(name: str) -> Any:
     function = getattr(import_module(f".{_module(name)}", __package__), _function(name))
     alone = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    alone.command(name, help=_paragraphs(function.__doc__), rich_help_panel=_GROUP_OF[name])(as_command(name, function))
+    about, panel = _paragraphs(function.__doc__), _GROUP_OF[name]
+    alone.command(name, cls=_Command, help=about, rich_help_panel=panel)(as_command(name, function))
     return typer.main.get_command(alone)
 
 
 #: Typer has its own copy of Click, of which this is not public.
 _UsageError: Any = typer.BadParameter.__base__
+
+
+class _Command(TyperCommand):
+    """A command that does not take one of its options for the value of another."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse what is given."""
+        options: list[Any] = [option for option in self.get_params(ctx) if option.param_type_name == "option"]
+        names = {name for option in options for name in (*option.opts, *option.secondary_opts)}
+        with_value = {name for option in options if not option.is_flag for name in option.opts}
+        rest = iter(args)
+        for name in rest:
+            if name == "--":
+                break
+            if name not in with_value:
+                continue
+            value = next(rest, None)
+            if value is not None and value.partition("=")[0] in names:
+                raise _UsageError(f"{name} has no value: the option {value.partition('=')[0]} follows it", ctx)
+        return super().parse_args(ctx, args)
 
 
 class Commands(TyperGroup):

@@ -9,9 +9,11 @@ from dataclasses import replace
 from unittest.mock import Mock
 
 import pytest
+import typer
 
 from labcdp.cli.app import app, main
 from labcdp.cli.bench import devices
+from labcdp.cli.commands import all_commands
 from labcdp.regions import RectangleShape, load_regions, save_regions
 from labcdp.session import Session, SessionConfiguration
 
@@ -144,3 +146,28 @@ def test_a_full_device_behind_the_output(labcdp_path):
         done = subprocess.run([labcdp_path, "presets", "thesis-2018"], stdout=full, stderr=subprocess.PIPE, text=True)
     assert done.returncode == 1
     assert done.stderr == "labcdp: the output cannot be written (No space left on device): free some disk space\n"
+
+
+@pytest.mark.parametrize("command", all_commands().items(), ids=lambda command: command[0])
+def test_no_option_is_taken_for_the_value_of_the_one_before_it(command):
+    name, parser = command
+    usage_error = typer.BadParameter.__base__
+    for option in parser.params:
+        if option.param_type_name == "option" and not option.is_flag:
+            with pytest.raises(usage_error) as refused:
+                parser.make_context(name, [option.opts[0], "--json"])
+            assert refused.value.message == f"{option.opts[0]} has no value: the option --json follows it"
+
+
+def test_a_value_may_begin_with_a_dash_and_a_file_be_called_as_an_option(labcdp_in, folder):
+    refused = labcdp_in(folder, "video", "a.avi", "--roi", "rois.json", "--contrast", "-5%")
+    assert "--contrast is '-5%': give contrasts above 0%" in only_line(refused)
+    refused = labcdp_in(folder, "image", "--", "--roi")
+    assert "no regions: add --roi" in only_line(refused)
+
+
+def test_regions_of_a_video_in_no_pair_are_named(labcdp_in, folder):
+    done = labcdp_in(folder, "video", "a.avi", "--roi", "three.json", "--pair", "bright:dark", "-o", "paired")
+    assert done.returncode == 0, done.stderr
+    assert "Note: in no --pair and not followed: 'third'" in done.stderr
+    shutil.rmtree(folder / "paired")

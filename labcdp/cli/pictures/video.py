@@ -340,6 +340,9 @@ def _regions(options: VideoPairOptions) -> tuple[dict[str, Roi], tuple[tuple[str
             )
         first, second = regions
         pairs = ((first, second),)
+    unpaired = [name for name in regions if not any(name in pair for pair in pairs)]
+    if unpaired:
+        say(f"Note: in no --pair and not followed: {', '.join(map(shown, unpaired))}")
     return regions, pairs, image_size
 
 

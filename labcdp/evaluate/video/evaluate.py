@@ -32,9 +32,9 @@ from .findings import (
     first_finding,
     first_measured,
     period_s,
-    pulsed_findings,
     reading_findings,
     second_is_brighter,
+    varying_light_findings,
     video_findings,
 )
 from .run import PartRun, VideoRun
@@ -189,16 +189,17 @@ def _dataset(source: VideoSource, converter: Converter, part: PartRun) -> Datase
         raise InputError(f"{source.path}: no frame could be evaluated{why}")
     relative = bool(regions) and converter.unit == "relative"
     readings = [*reading_findings(columns, regions, converter, source.doubts)] if relative else None
+    n_pixels = {roi.name: int(roi.mask(source.shape).sum()) for roi in settings.rois}
     findings = [
         *source.findings,
         *converter_findings(converter, source, readings),
         *_length_findings(source, part),
         *video_findings(columns, regions),
-        *pulsed_findings(columns, regions, period_s(columns["time_s"])),
+        *varying_light_findings(columns, n_pixels, period_s(columns["time_s"])),
         *_vignetting_findings(source, converter, settings.rois),
     ]
-    for roi in settings.rois:
-        findings += size_findings(roi.name, int(roi.mask(source.shape).sum()))
+    for name, size in n_pixels.items():
+        findings += size_findings(name, size)
     if settings.contrasts is None:
         code = "contrast-measured" if settings.rois else "neighbour-contrast-measured"
         findings.insert(0, info(code, frame=measured, contrast=part.contrasts[0]))

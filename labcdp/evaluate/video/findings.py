@@ -22,6 +22,10 @@ if TYPE_CHECKING:
 
 #: Frames and beats from which light that beats with the frames is named, and the least modulation of it.
 _FEWEST_FOR_BEAT, _FEWEST_BEATS, _NAMED_FMI = 24, 5.0, 0.02
+#: Light that varies without a period is named from this standard deviation, and this multiple of that of its noise.
+_NAMED_VARIATION, _NAMED_OVER_NOISE = 0.01, 3.0
+#: Standard deviation of a normal distribution over the median of its absolute values.
+_SD_OF_MEDIAN = 1.4826
 #: Most ranges of frames listed.
 _MOST_STRETCHES = 5
 #: Code under which a finding about a frame is counted in the findings about the video.
@@ -101,15 +105,19 @@ def video_findings(columns: Mapping[str, NDArray[Any]], regions: Sequence[str]) 
     return findings
 
 
-def pulsed_findings(columns: Mapping[str, NDArray[Any]], regions: Sequence[str], interval_s: float) -> list[Finding]:
-    """Return a warning for each region whose light beats with the frames, as of a pulsed lamp.
+def varying_light_findings(
+    columns: Mapping[str, NDArray[Any]], regions: Mapping[str, int], interval_s: float
+) -> list[Finding]:
+    """Return a warning for each region whose light varies from frame to frame by more than its noise.
+
+    Light that beats with the frames, as of a pulsed lamp, is named with its period.
 
     Parameters
     ----------
     columns : mapping of str to ndarray
         As of `dataset.frame_columns`.
-    regions : sequence of str
-        Names of the regions; none for nearest neighbours.
+    regions : mapping of str to int
+        Pixels of the regions, by their names; none for nearest neighbours.
     interval_s : float
         Usual distance of the frames; nan where it is not known.
     """
@@ -118,20 +126,42 @@ def pulsed_findings(columns: Mapping[str, NDArray[Any]], regions: Sequence[str],
     from ...metrics.beat import find_wave
     from ...metrics.modulation import modulation
 
-    findings, numbers = [], columns["frame"].astype(np.float64)
-    steps = np.diff(numbers)
-    for region, values in zip(regions, columns["mean"].T, strict=True):
+    findings: list[Finding] = []
+    numbers = columns["frame"].astype(np.float64)
+    step = float(np.median(np.diff(numbers)))
+    for (region, n_pixels), values, snr in zip(regions.items(), columns["mean"].T, columns["snr"].T, strict=True):
         known = np.isfinite(values)
         if np.count_nonzero(known) < _FEWEST_FOR_BEAT or not modulation(values[known]) > _NAMED_FMI:
             continue
-        wave = find_wave((numbers[known] - numbers[0]) / float(np.median(steps)), values[known])
+        wave = find_wave((numbers[known] - numbers[0]) / step, values[known])
         # Slow changes are those of a scene.
         if wave is None or wave.rate * wave.length < _FEWEST_BEATS or float(modulation(wave.smooth)) < _NAMED_FMI:
+            findings += _irregular_light_findings(region, values[known], snr[known] * n_pixels**0.5)
             continue
-        about = {"fmi": float(modulation(values[known])), "beat_hz": wave.rate / interval_s}
-        code = "region-light-pulsed" if isfinite(about["beat_hz"]) else "region-light-pulsed-without-times"
-        findings.append(warning(code, region, **(about if isfinite(about["beat_hz"]) else {"fmi": about["fmi"]})))
+        about = {"fmi": float(modulation(values[known])), "period_frames": step / wave.rate}
+        if isfinite(interval_s):
+            findings.append(warning("region-light-pulsed", region, **about, beat_hz=wave.rate / interval_s))
+        else:
+            findings.append(warning("region-light-pulsed-without-times", region, **about))
     return findings
+
+
+def _irregular_light_findings(
+    region: str, means: NDArray[np.float64], snr_of_means: NDArray[np.float64]
+) -> Iterator[Finding]:
+    """Yield a warning if the means of a region differ from frame to frame by more than their noise, without a period.
+
+    Second differences of successive frames leave out slow changes, and their median single jumps, which are those of a
+    scene. Of independent values they have 6 times the variance.
+    """
+    mean = float(np.mean(means))
+    if not mean > 0:
+        return
+    variation_rel = _SD_OF_MEDIAN * float(np.median(np.abs(np.diff(means, 2)))) / 6**0.5 / mean
+    positive = snr_of_means[snr_of_means > 0]
+    noise_rel = 1 / float(np.median(positive)) if positive.size else 0.0
+    if variation_rel > max(_NAMED_VARIATION, _NAMED_OVER_NOISE * noise_rel):
+        yield warning("region-light-varies", region, variation_rel=variation_rel, noise_rel=noise_rel)
 
 
 def _counted_findings(columns: Mapping[str, NDArray[Any]], n_frames: int) -> Iterator[Finding]:

@@ -15,6 +15,7 @@ from labcdp.core.roi import Roi
 from labcdp.evaluate.flicker.page import evaluate_flicker, write_flicker
 from labcdp.evaluate.flicker.settings import FlickerSettings
 from labcdp.evaluate.video.evaluate import JOURNAL, evaluate_video
+from labcdp.evaluate.video.findings import varying_light_findings
 from labcdp.evaluate.video.settings import VideoSettings
 from labcdp.files.video.selection import Position, Selection
 
@@ -267,9 +268,69 @@ def test_a_pulsed_lamp_that_disturbs_a_cdp_is_named(video, tmp_path):
     findings = json.loads(evaluate_video(video, pair).attrs["findings"])
     (pulsed,) = (finding for finding in findings if finding["code"] == "region-light-pulsed")
     assert pulsed["subject"] == "lamp"
-    assert pulsed["values"]["beat_hz"] == pytest.approx(abs(FREQUENCY_HZ - 9 * RATE_HZ), abs=0.05)
+    beat_hz = abs(FREQUENCY_HZ - 9 * RATE_HZ)
+    assert pulsed["values"]["beat_hz"] == pytest.approx(beat_hz, abs=0.05)
+    assert pulsed["values"]["period_frames"] == pytest.approx(RATE_HZ / beat_hz, rel=0.01)
     # The light of a scene that changes slowly, and noise, are none.
     ramp = [np.clip(frame * (0.6 + 0.01 * number), 0, 255).astype(np.uint8) for number, frame in
             enumerate([rendered(1, seed=seed)[0] for seed in range(40)])]  # fmt: skip
     findings = json.loads(evaluate_video(write(tmp_path / "ramp.avi", ramp), pair).attrs["findings"])
-    assert not [finding for finding in findings if finding["code"].startswith("region-light-pulsed")]
+    assert not [finding for finding in findings if finding["code"].startswith("region-light")]
+
+
+def test_a_video_whose_light_varies_without_a_period_says_so(tmp_path):
+    rng = np.random.default_rng(5)
+    frames = [
+        np.clip(image * (1 + 0.1 * rng.standard_normal()), 0, 255).astype(np.uint8)
+        for image in (rendered(1, seed=seed)[0] for seed in range(40))
+    ]
+    # Without calibration the vignetting is not known, which is no noise from frame to frame.
+    pair = VideoSettings((1.0,), (LAMP, STEADY), "fixed", encoding="linear")
+    findings = json.loads(evaluate_video(write(tmp_path / "random.avi", frames), pair).attrs["findings"])
+    varies = [finding for finding in findings if finding["code"] == "region-light-varies"]
+    assert [finding["subject"] for finding in varies] == ["lamp", "steady"]
+    for finding in varies:
+        assert finding["values"]["variation_rel"] == pytest.approx(0.1, rel=4 * 1.42 / 40**0.5)
+
+
+def light_findings(means, *, noise_rel=0.001, every=1):
+    """Findings about the light of a region that has these means, with noise of them."""
+    means = np.asarray(means)
+    noisy = means * (1 + noise_rel * np.random.default_rng(4).standard_normal(means.size))
+    frames = every * np.arange(means.size)
+    snr = np.full((means.size, 1), 1 / (noise_rel * 20))
+    return varying_light_findings({"frame": frames, "mean": noisy[:, None], "snr": snr}, {"lamp": 400}, every / 25)
+
+
+@pytest.mark.parametrize("variation_rel", [0.02, 0.2])
+@pytest.mark.parametrize("n_frames", [60, 2000])
+def test_light_that_varies_without_a_period_is_named_with_its_size(variation_rel, n_frames):
+    means = 50 * (1 + variation_rel * np.random.default_rng(3).standard_normal(n_frames))
+    (finding,) = light_findings(means)
+    assert (finding.code, finding.severity, finding.subject) == ("region-light-varies", "warning", "lamp")
+    # A median of n absolute second differences, of which neighbours are correlated, scatters by 1.42 / sqrt(n).
+    assert finding.values["variation_rel"] == pytest.approx(variation_rel, rel=4 * 1.42 / n_frames**0.5)
+    assert finding.values["noise_rel"] == pytest.approx(0.001, rel=0.05)
+
+
+@pytest.mark.parametrize("every", [1, 3])
+def test_light_that_repeats_is_named_with_its_period(every):
+    frames = every * np.arange(100)
+    (finding,) = light_findings(50 * (1 + 0.1 * np.sin(2 * np.pi * frames / (7.3 * every))), every=every)
+    assert finding.code == "region-light-pulsed"
+    assert finding.values["period_frames"] == pytest.approx(7.3 * every, rel=0.01)
+    assert finding.values["beat_hz"] == pytest.approx(25 / (7.3 * every), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("means", "noise_rel"),
+    [
+        (np.full(200, 50.0), 0.02),  # noise alone
+        (np.linspace(20, 80, 200), 0.001),  # the scene becomes brighter
+        (np.where(np.arange(200) % 80 < 40, 20.0, 50.0), 0.001),  # a few jumps
+        (50 * (1 + 0.003 * np.random.default_rng(3).standard_normal(200)), 0.001),  # too little to matter
+        (np.zeros(200), 0.001),
+    ],
+)
+def test_noise_and_changes_of_the_scene_are_no_varying_light(means, noise_rel):
+    assert light_findings(means, noise_rel=noise_rel) == []

@@ -196,6 +196,14 @@ def test_flicker_of_merged_captures():
     assert predicted == pytest.approx(measured, abs=0.02)
 
 
+@pytest.mark.parametrize("scene", [{"width": 20, "height": 20}, {"background_cd_m2": LAMP_CD_M2}])
+def test_a_lamp_without_surroundings_that_differ_has_no_contrast(scene):
+    chain = lamp_chain("most-sensitive", SPLIT, **scene)
+    for exact in (True, False):
+        with pytest.raises(InputError, match="the scene has no two regions"):
+            chain.sweep(exact=exact, contrast=1.0, scene__phase=[0.1])
+
+
 def test_exposures_follow_one_another():
     chain = lamp_chain("linear", exposure_s=[0.0005, 0.004])
     ((_, sensor),) = chain.sensors

@@ -63,15 +63,16 @@ def predict_chain(
     sensor, name = sensor_of_stage(chain, stage or chain.stage_names[-1])
     camera = camera_of_stage(chain, seen_sensor(sensor, chain.spectrum), name)
     cells = scenes_of_cells(chain.scene, scenes or {})
+    seen = scene_levels(cells)
     if contrast is None:
-        levels, _, pair = scene_levels(cells)
+        levels, _, pair = seen
         contrast = scene_contrast(*(levels[:, index] for index in pair))
     if is_combined(sensor):
-        return predict_luminance(chain, sensor, name, cells, contrast, epsilon)
+        return predict_luminance(chain, sensor, name, cells, seen, contrast, epsilon)
     lamps = [cell for cell in cells if isinstance(cell, LampScene)]
     if lamps:
         return predict_lamp(chain, sensor, name, lamps, camera, contrast, epsilon)
-    rates = pair_rates(chain, sensor, camera, cells)
+    rates = pair_rates(chain, sensor, camera, cells, seen)
     is_coloured = bool(sensor.colour_filter or spectra_of(chain.scene))
     return (_brighter_first if is_coloured else predict)(camera, rates, contrast, epsilon)
 

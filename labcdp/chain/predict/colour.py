@@ -104,13 +104,14 @@ def predict_colours(
     sensor = replace(sensor, plane="")
     camera = camera_of_stage(chain, seen_sensor(sensor, chain.spectrum), name)
     cells = scenes_of_cells(chain.scene, scenes or {})
-    levels, shares, _ = scene_levels(cells)
+    seen_levels = scene_levels(cells)
+    levels, shares, _ = seen_levels
     per_lx_s = camera.sensor.electrons_per_lx_s(chain.spectrum)
     veil_e_s = veil_lx(chain.front(levels, shares), len(cells)) * per_lx_s
     zero_dn = camera.dark_dn + camera.dn_per_e_s * veil_e_s
     names = tuple(dict.fromkeys(PATTERNS[sensor.colour_filter]))
     means, variances = [], []
-    for plane, seen in plane_rates(chain, sensor, cells, per_lx_s):
+    for plane, seen in plane_rates(chain, sensor, cells, per_lx_s, seen_levels):
         mean_dn, variance_dn2 = _moments(camera, np.stack([rates[:, 0] for rates, _ in seen], axis=1))
         means.append(mean_dn - zero_dn[:, None])
         variances.append(variance_dn2 / (plane.share * _CELLS))

@@ -19,7 +19,7 @@ from .camera import CameraModel
 from .mixed_pixels import is_mixed
 from .pairs import ExactPrediction, with_regions_exchanged
 from .prediction import CaptureRates, captured_moments, predict_captures
-from .rates import pair_rates
+from .rates import pair_rates, scene_levels
 from .stage import camera_of_stage, sensor_of_stage
 
 FloatArray = NDArray[np.float64]
@@ -147,10 +147,11 @@ def lamp_rates(
 ) -> CaptureRates:
     """Return the rates of the pixels around the lamp and in it during each capture, each cell at its phase."""
     frames = [replace(cell, phase=phase % 1.0) for cell, phase in zip(cells, phases.tolist(), strict=True)]
-    by_capture = [
-        pair_rates(chain, sensor, camera, [frame.seen_by(time) for frame in frames], ("background", "lamp"))
-        for time in times
-    ]
+    by_capture = []
+    for time in times:
+        scenes = [frame.seen_by(time) for frame in frames]
+        seen = scene_levels(scenes, ("background", "lamp"))
+        by_capture.append(pair_rates(chain, sensor, camera, scenes, seen))
     return CaptureRates.joined(by_capture)
 
 

@@ -21,7 +21,7 @@ from .mixed_pixels import is_mixed
 from .nodes import KnownRates
 from .pairs import Cells, ExactPrediction, evaluate_cells, with_regions_exchanged
 from .prediction import checked_targets
-from .rates import plane_rates, scene_levels, veil_lx
+from .rates import SeenLevels, plane_rates, veil_lx
 from .stage import camera_of_stage
 from .value_bins import ValueBins
 from .value_table import ValueTable, value_table
@@ -35,7 +35,13 @@ _NEGLIGIBLE = 1e-12
 
 
 def predict_luminance(
-    chain: Chain, sensor: Sensor, stage: str, scenes: Sequence[Scene], contrast: ArrayLike, epsilon: float
+    chain: Chain,
+    sensor: Sensor,
+    stage: str,
+    scenes: Sequence[Scene],
+    seen_levels: SeenLevels,
+    contrast: ArrayLike,
+    epsilon: float,
 ) -> ExactPrediction:
     """Predict the CDP of the luminance of the cells of a colour filter, for the first pair of each scene.
 
@@ -49,6 +55,8 @@ def predict_luminance(
         Name of the stage, without that of the sensor.
     scenes : sequence of Scene
         The scenes.
+    seen_levels : SeenLevels
+        Their levels, and the two regions.
     contrast : array_like of float
         Target contrasts, fractions, that of each scene or several of one.
     epsilon : float
@@ -78,7 +86,7 @@ def predict_luminance(
     targets = checked_targets(contrast, epsilon)
     n_cells = np.broadcast_shapes(targets.shape, (len(scenes),))[0]
     targets = np.broadcast_to(targets, (n_cells,))
-    pixels = _pixels(chain, sensor, stage, scenes)
+    pixels = _pixels(chain, sensor, stage, scenes, seen_levels)
     results = np.empty((len(fields(ExactPrediction)), n_cells))
     for number in range(n_cells):
         low, high = targets[number] * (1 - epsilon), targets[number] * (1 + epsilon)
@@ -104,11 +112,11 @@ class _Pixel:
         return result
 
 
-def _pixels(chain: Chain, sensor: Sensor, stage: str, scenes: Sequence[Scene]) -> list[_Pixel]:
+def _pixels(chain: Chain, sensor: Sensor, stage: str, scenes: Sequence[Scene], seen_levels: SeenLevels) -> list[_Pixel]:
     """Return the four pixels of a cell."""
     weights, cells = luminance_weights(sensor, chain.spectrum), cell_sensors(sensor)
     names = [name for name, _ in cells]
-    levels, shares, _ = scene_levels(scenes)
+    levels, shares, _ = seen_levels
     front = chain.front(levels, shares)
     # Luminance is a straight line over the illuminance, whose veil may differ from scene to scene.
     points = np.broadcast_to([[0.0, 1.0]], (len(scenes), 2))
@@ -122,7 +130,7 @@ def _pixels(chain: Chain, sensor: Sensor, stage: str, scenes: Sequence[Scene]) -
             continue
         camera = camera_of_stage(chain, seen_sensor(part, chain.spectrum), stage)
         per_lx_s = camera.sensor.electrons_per_lx_s(chain.spectrum)
-        ((_, seen),) = plane_rates(chain, part, scenes, per_lx_s)
+        ((_, seen),) = plane_rates(chain, part, scenes, per_lx_s, seen_levels)
         rates = np.stack([region[:, 0] for region, _ in seen], axis=1)
         table = (capture_table if camera.merges_captures else value_table)(camera, rates)
         weight = weights[name] / names.count(name)

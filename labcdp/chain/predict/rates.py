@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ from .mixed_pixels import is_mixed, mixed_pair
 from .prediction import PatchRates
 
 FloatArray = NDArray[np.float64]
+#: Levels and their shares, shapes (cells, levels), and the indices of two of them.
+SeenLevels: TypeAlias = tuple[FloatArray, FloatArray, tuple[int, int]]
 
 
 def pair_rates(
@@ -28,16 +30,16 @@ def pair_rates(
     sensor: Sensor,
     camera: CameraModel,
     cells: Sequence[Scene],
-    regions: tuple[str, str] | None = None,
+    seen: SeenLevels,
 ) -> PatchRates:
-    """Return the rates of the pixels of two regions of each scene, None for the first pair of the first scene."""
-    levels, shares, pair = scene_levels(cells, regions)
+    """Return the rates of the pixels of two regions of each scene, which `scene_levels` has found."""
+    levels, shares, pair = seen
     front = chain.front(levels, shares)
     # Of a single capture, its own.
     per_lx_s = camera.sensor.electrons_per_lx_s(chain.spectrum)
     veil_e_s = veil_lx(front, len(levels)) * per_lx_s
     if sensor.colour_filter or spectra_of(chain.scene):
-        return _coloured_rates(chain, sensor, cells, per_lx_s, veil_e_s, regions)
+        return _coloured_rates(chain, sensor, cells, per_lx_s, veil_e_s, seen)
     if is_mixed(chain):
         (dark, dark_shares), (bright, bright_shares) = mixed_pair(chain, cells, front.values, sensor.pixel_pitch_m)
         return PatchRates(per_lx_s * dark, per_lx_s * bright, veil_e_s, dark_shares, bright_shares)
@@ -59,11 +61,11 @@ def _coloured_rates(
     cells: Sequence[Scene],
     per_lx_s: float,
     veil_e_s: FloatArray,
-    regions: tuple[str, str] | None,
+    seen_levels: SeenLevels,
 ) -> PatchRates:
     """Rates of the pixels of each plane that is looked at, with their shares, for regions of several spectra."""
     patches: list[list[tuple[FloatArray, FloatArray]]] = [[], []]
-    for plane, seen in plane_rates(chain, sensor, cells, per_lx_s, regions):
+    for plane, seen in plane_rates(chain, sensor, cells, per_lx_s, seen_levels):
         for patch, (rates, parts) in zip(patches, seen, strict=True):
             patch.append((rates, plane.share * parts))
     (dark, dark_shares), (bright, bright_shares) = (
@@ -77,10 +79,10 @@ def plane_rates(
     sensor: Sensor,
     cells: Sequence[Scene],
     per_lx_s: float,
-    regions: tuple[str, str] | None = None,
+    seen_levels: SeenLevels,
 ) -> Iterator[tuple[SeenPlane, Sequence[tuple[FloatArray, FloatArray]]]]:
     """Yield each plane that is looked at with the rates of both regions' pixels, veil included, and their shares."""
-    levels, shares, pair = scene_levels(cells, regions)
+    levels, shares, pair = seen_levels
     spectra = spectra_of(chain.scene)
     reference = seen_sensor(sensor, chain.spectrum).electrons_per_lx_s(chain.spectrum) / sensor.pixel_pitch_m**2
     for plane in seen_planes(sensor):
@@ -102,9 +104,7 @@ def scenes_of_cells(scene: Scene, fields: Mapping[str, Sequence[Any]]) -> list[S
     return [replace(scene, **dict(zip(fields, values, strict=True))) for values in cells]  # type: ignore[type-var]
 
 
-def scene_levels(
-    scenes: Sequence[Scene], regions: tuple[str, str] | None = None
-) -> tuple[FloatArray, FloatArray, tuple[int, int]]:
+def scene_levels(scenes: Sequence[Scene], regions: tuple[str, str] | None = None) -> SeenLevels:
     """Levels and their shares, shapes (cells, levels), and the indices of two regions, None for those of a pair."""
     pairs = scenes[0].pairs() if regions is None else (regions,)
     cells = [scene.levels() for scene in scenes]

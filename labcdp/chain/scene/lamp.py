@@ -106,8 +106,8 @@ class LampScene(Levelled):
         return {"background": self.background_cd_m2, "lamp": self.luminance_cd_m2}, owner
 
     def pairs(self) -> Sequence[tuple[str, str]]:
-        """Return the lamp and its surroundings, by their mean luminance over time."""
-        if self.luminance_cd_m2 == self.background_cd_m2:
+        """Return the lamp and its surroundings, by their mean luminance over time; nothing if only the lamp is seen."""
+        if self.luminance_cd_m2 == self.background_cd_m2 or self.side_px**2 == self.width * self.height:
             return ()
         names = ("background", "lamp")
         return (names if self.luminance_cd_m2 > self.background_cd_m2 else names[::-1],)

@@ -10,21 +10,12 @@ from numpy.typing import NDArray
 
 from .geometry import Matrix
 from .level import GainOffset, Level
+from .settings import SETTINGS
 from .sight import View
 from .template import Template, gradients
 
-#: Most steps in the smaller size of a template, and in its own.
-_COARSE_STEPS, _FINE_STEPS = 8, 5
-#: Residual of a pixel that is still found again: times the noise, and in parts of the structure.
-_AGREES_NOISE, _AGREES_STRUCTURE = 2.5, 0.25
-#: Deviation of a region's own pixels from which on they are covered: times the noise, and in parts of the structure.
-_COVERED_NOISE, _COVERED_STRUCTURE = 5.0, 0.2
 #: Own pixels below which none is said to be covered.
 _OWN_LEAST = 4
-#: Trust that is kept in a patch and its edge whatever is learnt.
-_TRUST_KEPT = 0.7
-#: Frames that the trust in all pixels at the start counts like, and that are remembered of it at most.
-_LEARNT_AT_FIRST, _LEARNT_AT_MOST = 4, 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +85,8 @@ class Aligner:
         self._uneven = np.float32(uneven) + np.hypot(dx, dy).ravel()[self._own]
         self._carries = (np.abs(self.values - self.values.mean()) + 2 * np.hypot(dx, dy)).ravel()
         self._trust = template.trust.ravel()
-        self._trust_least = _TRUST_KEPT * self._trust**2
-        self._learnt = _LEARNT_AT_FIRST
+        self._trust_least = SETTINGS.weight_kept * self._trust**2
+        self._learnt = SETTINGS.weights_first_frames
         self._outline = Outline(template, self.values)
         self._spread_trust()
 
@@ -117,7 +108,7 @@ class Aligner:
         from .level_kernel import agreement, improved
 
         fine = self._fine.arrays
-        better = ((self._coarse.arrays, _COARSE_STEPS), (fine, _FINE_STEPS)) if improve else ()
+        better = ((self._coarse.arrays, SETTINGS.coarse_steps), (fine, SETTINGS.fine_steps)) if improve else ()
         place, (gain, offset) = view.from_image @ to_image, light or (nan, 0.0)
         for level, n_steps in (*better, (fine, 0)):
             place, gain, offset, values, trusted, residuals = improved(
@@ -126,15 +117,17 @@ class Aligner:
             if isnan(gain):
                 return None
         noise, structure = fine.noise * (1 + 1 / gain**2) ** 0.5, fine.structure
-        factor = 1 / hypot(_AGREES_NOISE * noise, _AGREES_STRUCTURE * structure)
+        factor = 1 / hypot(SETTINGS.agrees_noise * noise, SETTINGS.agrees_share * structure)
         agrees, found, n_inside = agreement(residuals, trusted, self._carries, factor)
         # Whatever there is agrees with noise as strong as the structure.
-        quality = found / self._carried * min(1.0, (structure / max(_AGREES_NOISE * noise, 1e-9)) ** 2)
+        quality = found / self._carried * min(1.0, (structure / max(SETTINGS.agrees_noise * noise, 1e-9)) ** 2)
         return Fit(
             view.to_image @ place,
             quality,
             (gain, offset),
-            self._covered(residuals, trusted, hypot(_COVERED_NOISE * noise, _COVERED_STRUCTURE * structure)),
+            self._covered(
+                residuals, trusted, hypot(SETTINGS.covered_noise * noise, SETTINGS.covered_structure_share * structure)
+            ),
             n_inside / agrees.size,
             agrees,
             values.reshape(self.template.shape),
@@ -148,7 +141,7 @@ class Aligner:
     def learn(self, fit: Fit) -> None:
         """Learn from an accepted fit which pixels move with the region: the others belong to something else."""
         self._outline.learn(fit.heights)
-        self._learnt = min(self._learnt + 1, _LEARNT_AT_MOST)
+        self._learnt = min(self._learnt + 1, SETTINGS.weights_frames)
         known = ~np.isnan(fit.agrees)
         new = self._trust + (fit.agrees - self._trust) / np.float32(self._learnt)
         self._trust = np.where(known, np.maximum(new, self._trust_least), self._trust)
@@ -162,7 +155,8 @@ class Aligner:
     def changed(self, before: NDArray[np.float32], after: NDArray[np.float32]) -> float:
         """Share of the region's own pixels that changed from one frame to the next, both in the light of the first."""
         most = hypot(
-            _COVERED_NOISE * 2**0.5 * self._fine.arrays.noise, _COVERED_STRUCTURE * self._fine.arrays.structure
+            SETTINGS.covered_noise * 2**0.5 * self._fine.arrays.noise,
+            SETTINGS.covered_structure_share * self._fine.arrays.structure,
         )
         return _share_off((after - before).ravel()[self._own], most + self._uneven)
 
@@ -181,20 +175,8 @@ def _share_off(values: NDArray[np.float32], most: NDArray[np.float32]) -> float:
     return float(np.count_nonzero(np.abs(values - middle) > most)) / values.size
 
 
-#: Parts of a turn around the region in which its outline is looked at.
-_PARTS = 24
-#: Step of brightness over the noise from which on a part has an edge.
-_CLEAR = 6.0
 #: Squared gradients across a smoothed step of height 1, summed up.
 _STEP_ENERGY = 0.3125
-#: Share of the outline without which nothing is said.
-_LEAST = 0.25
-#: Share of an edge's usual height below which it is gone, and of its first height below which there is none to lose.
-_GONE, _FAINT = 0.35, 0.25
-#: The highest edges distinguish a loss of light from lost edges: their quantile, and the least light.
-_HIGHEST, _DIMMEST = 0.85, 0.25
-#: Part of what is new in a frame that is remembered, and the largest height that is.
-_LEARNT, _HEIGHT_MOST = 0.25, 1.5
 
 
 class Outline:
@@ -216,23 +198,23 @@ class Outline:
         x, y = template.points.T
         middle = template.corners.mean(axis=0)
         turn = np.arctan2(y - middle[1], x - middle[0]) / (2 * np.pi) + 0.5
-        parts = np.minimum((_PARTS * turn).astype(int), _PARTS - 1)
-        length = np.bincount(parts[rim.ravel()], minlength=_PARTS).astype(np.float64)
+        parts = np.minimum((SETTINGS.outline_parts * turn).astype(int), SETTINGS.outline_parts - 1)
+        length = np.bincount(parts[rim.ravel()], minlength=SETTINGS.outline_parts).astype(np.float64)
         near = np.flatnonzero(edged.ravel())
         dx, dy = gradients(values)
         self._edges, self._width = Edges(near, parts[near], dx.ravel()[near], dy.ravel()[near]), template.shape[1]
         squares = np.square(self._edges.across) + np.square(self._edges.down)
-        self._energies = np.bincount(self._edges.parts, squares, _PARTS).astype(np.float64)
-        clear = self._energies > _STEP_ENERGY * length * (_CLEAR * template.noise_dn) ** 2
+        self._energies = np.bincount(self._edges.parts, squares, SETTINGS.outline_parts).astype(np.float64)
+        clear = self._energies > _STEP_ENERGY * length * (SETTINGS.outline_clear_noise * template.noise_dn) ** 2
         self._length = np.where(clear, length, 0.0).tolist()
-        self._enough = _LEAST * float(length.sum())
-        self._usual = np.ones(_PARTS)
+        self._enough = SETTINGS.outline_known_share * float(length.sum())
+        self._usual = np.ones(SETTINGS.outline_parts)
 
     def heights(self, values: NDArray[np.float32], trusted: NDArray[np.float32], gain: float) -> NDArray[np.float64]:
         """Heights in what is seen under the template over those in the first frame; nan outside the image."""
         from .level_kernel import height_sums
 
-        sums = height_sums(values, trusted, self._width, self._edges, _PARTS)
+        sums = height_sums(values, trusted, self._width, self._edges, SETTINGS.outline_parts)
         # Before a background that moves otherwise an edge may change its sign.
         heights: NDArray[np.float64] = np.abs(sums) / (gain * np.maximum(self._energies, 1e-9))
         return heights
@@ -242,18 +224,26 @@ class Outline:
         known = [
             (height / usual, length)
             for height, usual, length in zip(heights.tolist(), self._usual.tolist(), self._length, strict=True)
-            if isfinite(height) and usual > _FAINT and length > 0
+            if isfinite(height) and usual > SETTINGS.outline_faint_share and length > 0
         ]
         whole = sum(length for _, length in known)
         if whole <= self._enough:
             return 0.0
-        light = min(max(_quantile(sorted(kept for kept, _ in known), _HIGHEST), _DIMMEST), 1.0)
-        return float(sum(length for kept, length in known if kept < _GONE * light) / whole)
+        light = min(
+            max(
+                _quantile(sorted(kept for kept, _ in known), SETTINGS.outline_light_quantile),
+                SETTINGS.outline_light_least,
+            ),
+            1.0,
+        )
+        return float(sum(length for kept, length in known if kept < SETTINGS.outline_gone_share * light) / whole)
 
     def learn(self, heights: NDArray[np.float64]) -> None:
         """Remember the heights of a frame in which the region was found."""
         known = np.isfinite(heights)
-        self._usual[known] += _LEARNT * (np.minimum(heights[known], _HEIGHT_MOST) - self._usual[known])
+        self._usual[known] += SETTINGS.outline_rate * (
+            np.minimum(heights[known], SETTINGS.outline_height_most) - self._usual[known]
+        )
 
 
 def _quantile(ranked: list[float], share: float) -> float:

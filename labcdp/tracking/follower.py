@@ -11,32 +11,14 @@ from ..core.roi import Roi
 from .alignment import Fit
 from .followed import Followed, TrackedRoi
 from .geometry import Matrix, carried, local_scale, shift
-from .looks import COVERED_MOST, FOUND_FROM, GOOD, LOST_BELOW, Found, Looks, shape_allows
+from .looks import Found, Looks, shape_allows
 from .scene import SceneNow
+from .settings import SETTINGS
 from .sight import Sight, view_around
 from .template import Template
 
-#: Fall of the quality in one frame up to which a place near the expected one is believed.
-_STEADY = 0.08
-#: Share of its outline that may lose its edges at once: the edge to a neighbour stays if it vanishes.
-VANISHED_MOST = 0.62
-#: Where several places look the same: distance from the expected one, in parts of that to the next one, at which none
-#: is taken; and the same after a loss, where as much is allowed for what it may have moved meanwhile.
-_NEAR, _NEAR_AGAIN, _MOVED_AGAIN = 0.5, 0.35, 0.5
 _SAME = "tracking-places-alike"
-#: Frames of its motion at most within which a thing that left the image comes back from where it left.
-_BACK_WITHIN = 3
 _LEFT = ("tracking-region-gone", "tracking-region-at-border")
-#: What a region that is found again may lack of its usual quality.
-_BELOW_USUAL = 0.1
-#: Share of the last step in the motion that is expected next.
-_LAST_STEP = 0.6
-#: Usual quality below which a thing changes its looks, and quality from which it is found again.
-_CHANGES, _CERTAIN = 0.8, 0.92
-#: Quality that a place may lack which a region that moves along shows.
-_AS_GOOD = 0.1
-#: Most change of the light of a region that is found again elsewhere.
-_LIGHT_MOST = 1.6
 
 
 class Follower(Followed):
@@ -94,18 +76,18 @@ class Follower(Followed):
             self.result = replace(self.result, quality=0.0)
             return
         found = self._best(sight, scene)
-        if found is None or found.fit.quality < LOST_BELOW:
+        if found is None or found.fit.quality < SETTINGS.lost_quality:
             quality = 0.0 if found is None else found.fit.quality
             gone = view_around(sight, self._template.shape, next(self._expected(scene)), 0) is None
             code = "tracking-scene-changed" if scene.change == "cut" else "tracking-not-found"
             reason = self._finding("tracking-region-gone") if gone else self._finding(code, found_share=float(quality))
             self._lose(reason, quality)
             return
-        if all(self._looks.off(found.fit, place) > _NEAR for place in self._expected(scene)):
+        if all(self._looks.off(found.fit, place) > SETTINGS.alike_share for place in self._expected(scene)):
             self._lose(self._finding(_SAME), found.fit.quality)
             return
         lost = found.aligner.vanished(found.fit)
-        if lost > VANISHED_MOST:
+        if lost > SETTINGS.outline_lost_share:
             self._lose(self._finding("tracking-outline-lost", lost_share=float(lost)), found.fit.quality)
             return
         before, self._before_roi = (self._to_image, self._velocity), self.result.roi
@@ -121,7 +103,11 @@ class Follower(Followed):
         tried = [(place, found) for place in expected if (found := self._aligned(sight, place)) and self._again(found)]
         for place, found in tried:
             near = dist(self._looks.middle(found.fit.to_image), self._looks.middle(place)) < self._looks.reach(place)
-            certain = any(place is one for one in companions) or place is self._held or found.fit.quality >= GOOD
+            certain = (
+                any(place is one for one in companions)
+                or place is self._held
+                or found.fit.quality >= SETTINGS.good_quality
+            )
             if near and certain and self._sure(found, place, known=any(place is one for one in companions)):
                 self._again_from(sight, scene, found)
                 return
@@ -134,7 +120,9 @@ class Follower(Followed):
         if not self._sure(found, expected[-1], known=False):
             self._held = None
             self._say_alike()
-        elif (found.fit.quality >= GOOD and self._lit(found.fit)) or (self._held_at(found.fit) and self._within(found)):
+        elif (found.fit.quality >= SETTINGS.good_quality and self._lit(found.fit)) or (
+            self._held_at(found.fit) and self._within(found)
+        ):
             self._again_from(sight, scene, found)
         else:
             self._held = found.fit.to_image
@@ -155,7 +143,7 @@ class Follower(Followed):
     def _within(self, found: Found) -> bool:
         """Whether it can have got there meanwhile by its usual motion."""
         moved = dist(self._looks.middle(found.fit.to_image), self._looks.middle(self._to_image))
-        frames = min(self._lost_for, _BACK_WITHIN) if self._left else self._lost_for
+        frames = min(self._lost_for, SETTINGS.back_frames) if self._left else self._lost_for
         return moved < self._looks.reach(self._to_image) + frames * (hypot(*self._velocity) + 1)
 
     def _say_alike(self) -> None:
@@ -168,13 +156,16 @@ class Follower(Followed):
             return False
         off = self._looks.off(found.fit, expected)
         if known or off == 0:
-            return off < _NEAR
+            return off < SETTINGS.alike_share
         speed = hypot(*self._velocity) + 1
         scale = local_scale(expected, self._looks.centre) * self._template.reduction
         # Of a pattern that fills the frame the scene seems to move by a part of its distances, too.
-        if self._looks.off(found.fit, self._to_image) > _NEAR:
+        if self._looks.off(found.fit, self._to_image) > SETTINGS.alike_share:
             return False
-        return off < _NEAR_AGAIN and self._lost_for * speed < _MOVED_AGAIN * scale * self._looks.repeat_px
+        return (
+            off < SETTINGS.alike_again_share
+            and self._lost_for * speed < SETTINGS.alike_moved_share * scale * self._looks.repeat_px
+        )
 
     def _light_in(self, scene: SceneNow) -> tuple[float, float]:
         """Light that is expected of it: the one it had, less or more of it where the scene's changed."""
@@ -183,15 +174,17 @@ class Follower(Followed):
 
     def _lit(self, fit: Fit) -> bool:
         """Whether its light is about the expected one."""
-        return 1 / _LIGHT_MOST < fit.light[0] / self._expected_light[0] < _LIGHT_MOST
+        return 1 / SETTINGS.again_light < fit.light[0] / self._expected_light[0] < SETTINGS.again_light
 
     def _again(self, found: Found) -> bool:
         """Whether a fit is good enough to take the region for found after a loss."""
         # What changes its looks is more easily taken for another thing.
         need = (
-            min(max(self._looks.usual - _BELOW_USUAL, FOUND_FROM), GOOD) if self._looks.usual > _CHANGES else _CERTAIN
+            min(max(self._looks.usual - SETTINGS.below_usual_quality, SETTINGS.search_quality), SETTINGS.good_quality)
+            if self._looks.usual > SETTINGS.changing_quality
+            else SETTINGS.changing_again_quality
         )
-        return found.fit.quality >= need and found.aligner.vanished(found.fit) <= VANISHED_MOST
+        return found.fit.quality >= need and found.aligner.vanished(found.fit) <= SETTINGS.outline_lost_share
 
     def _expected(self, scene: SceneNow) -> Iterator[Matrix]:
         """Where it should be: as it moves, and at rest with the scene."""
@@ -208,16 +201,18 @@ class Follower(Followed):
         moving = next(self._expected(scene))
         for place in self._expected(scene):
             best = self._looks.better(moving, best, self._aligned(sight, place))
-            if best is not None and best.fit.quality - self._looks.off(best.fit, moving) >= GOOD:
+            if best is not None and best.fit.quality - self._looks.off(best.fit, moving) >= SETTINGS.good_quality:
                 return best
         cut = scene.change == "cut"
-        steady = best is not None and best.fit.quality >= max(self._quality - _STEADY, LOST_BELOW)
+        steady = best is not None and best.fit.quality >= max(
+            self._quality - SETTINGS.steady_quality, SETTINGS.lost_quality
+        )
         if steady and not cut:
             return best
         others = [found for found in self._everywhere(sight) if self._again(found)]
         near = best if best is not None and not cut else None
         clear = self._looks.clear([*others, near] if near is not None else others)
-        if clear is not None and clear.fit.quality >= FOUND_FROM:
+        if clear is not None and clear.fit.quality >= SETTINGS.search_quality:
             return clear if clear is near or self._lit(clear.fit) else near
         if others or cut:
             return None
@@ -239,8 +234,8 @@ class Follower(Followed):
         self._to_image = fit.to_image
         here = self._looks.middle(self._to_image)
         self._velocity = (
-            _LAST_STEP * (here[0] - x) + (1 - _LAST_STEP) * u,
-            _LAST_STEP * (here[1] - y) + (1 - _LAST_STEP) * v,
+            SETTINGS.velocity_rate * (here[0] - x) + (1 - SETTINGS.velocity_rate) * u,
+            SETTINGS.velocity_rate * (here[1] - y) + (1 - SETTINGS.velocity_rate) * v,
         )
         self._lost_for = 0
         self._light, self._quality = fit.light, fit.quality
@@ -252,7 +247,7 @@ class Follower(Followed):
         if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
             border = self._finding("tracking-region-at-border")
             self.result = TrackedRoi(self.result.roi, fit.quality, True, (border,))
-        elif fit.covered > COVERED_MOST:
+        elif fit.covered > SETTINGS.covered_share:
             reason = self._finding("tracking-region-covered", covered_share=float(fit.covered))
             self.result = TrackedRoi(roi, fit.quality, True, (reason,))
         elif fit.light[0] < self._template.shown_from:
@@ -273,7 +268,7 @@ class Follower(Followed):
         place = motion @ self._template.to_image
         view = view_around(sight, self._template.shape, place, self._looks.reach(place))
         fit = None if view is None else self._found.aligner.align(view, place, self._expected_light, improve=False)
-        if fit is None or fit.quality < self._found.fit.quality - _AS_GOOD or not self._possible(fit):
+        if fit is None or fit.quality < self._found.fit.quality - SETTINGS.as_good_quality or not self._possible(fit):
             return False
         before = self._before
         self._to_image, self._velocity = before

@@ -14,20 +14,10 @@ from ..core.roi import Roi
 from .followed import Followed, NotFollowedError, TrackedRoi
 from .follower import Follower
 from .geometry import Matrix, carried, inverse
-from .looks import COVERED_MOST, GOOD
 from .scene import SceneNow, SceneWatch
+from .settings import SETTINGS
 from .sight import Levels, Sight, median, scale_of, view_around
 from .template import Template, is_background, make_template, plain_template
-
-#: Deviation of a pixel from which on something else is seen there: times the noise, and in parts of its brightness.
-_OFF_NOISE, _OFF_LIGHT = 6.0, 0.12
-#: Change of the region's brightness against that of the scene between two frames that only another thing explains.
-_SUDDEN = 0.2
-#: Times the contrast of what is faint that a scene must have for a region to be a plain part of it: else it may as well
-#: be a part of something that is faint itself.
-_SCENE_CLEAR = 2.0
-#: Frames in a row in which its surroundings are clearly seen elsewhere before it is taken for a thing that moves.
-_MOVES_FOR = 3
 
 
 class Resting(Followed):
@@ -51,7 +41,7 @@ class Resting(Followed):
         super().__init__(template)
         self._mover, self._moving = mover, 0
         self._rest, self._then = template.to_image, scene
-        self._contrast_least = template.light_to_show(scene.contrast / _SCENE_CLEAR) * scene.contrast
+        self._contrast_least = template.light_to_show(scene.contrast / SETTINGS.background_contrast) * scene.contrast
         self._inside = template.inside
         own = template.values.ravel()[self._inside]
         self._texture = own - np.float32(median(own))
@@ -64,15 +54,17 @@ class Resting(Followed):
 
     def follow(self, sight: Sight, scene: SceneNow) -> None:
         """Look whether it is to be seen in the next frame."""
-        if self._moving < _MOVES_FOR:
+        if self._moving < SETTINGS.background_moves_frames:
             self._look(sight, scene)
         if self._mover is None:
             return
         self._mover.follow(sight, scene)
-        if self._moving < _MOVES_FOR:
-            clear = self.result.lost and not self._mover.result.lost and self._mover.result.quality >= GOOD
+        if self._moving < SETTINGS.background_moves_frames:
+            clear = (
+                self.result.lost and not self._mover.result.lost and self._mover.result.quality >= SETTINGS.good_quality
+            )
             self._moving = self._moving + 1 if clear else 0
-        if self._moving >= _MOVES_FOR:
+        if self._moving >= SETTINGS.background_moves_frames:
             self.result, self._to_image = self._mover.result, self._mover.motion @ self._template.to_image
 
     def _look(self, sight: Sight, scene: SceneNow) -> None:
@@ -99,7 +91,7 @@ class Resting(Followed):
             return
         own = view.under(self._to_image, self._template.shape)[self._inside]
         covered = self._covered(own, scene)
-        if covered > COVERED_MOST:
+        if covered > SETTINGS.covered_share:
             self._lose(self._finding("tracking-region-covered", covered_share=covered), 1 - covered, roi)
             return
         self._light = median(own), scene.light
@@ -107,7 +99,7 @@ class Resting(Followed):
 
     def look_again(self, sight: Sight, scene: SceneNow, predicted: list[Matrix]) -> None:
         """Search it, if it is known to move."""
-        if self._moving >= _MOVES_FOR and self._mover is not None and not self._mover.seen:
+        if self._moving >= SETTINGS.background_moves_frames and self._mover is not None and not self._mover.seen:
             self._mover.look_again(sight, scene, predicted)
             self.result, self._to_image = self._mover.result, self._mover.motion @ self._template.to_image
 
@@ -122,9 +114,9 @@ class Resting(Followed):
         middle = median(own)
         noise = self._template.noise_dn
         expected = light * scene.light / max(of_scene, 1e-6)
-        if abs(middle - expected) > _SUDDEN * expected + _OFF_NOISE * noise:
+        if abs(middle - expected) > SETTINGS.background_sudden_share * expected + SETTINGS.background_noise * noise:
             return 1.0
-        most = _OFF_NOISE * noise + _OFF_LIGHT * middle
+        most = SETTINGS.background_noise * noise + SETTINGS.background_share * middle
         return float(np.mean(np.abs(own - middle - self._texture * (middle / max(self._light[0], 1e-6))) > most))
 
     def _lose(self, reason: Finding, quality: float, roi: Roi | None = None) -> None:
@@ -214,14 +206,6 @@ def _follower(sight: Sight, roi: Roi, scene: SceneWatch, *, planar: bool) -> Fol
     return Follower(sight, template, scene.now, planar=planar)
 
 
-#: Pixels a frame by which two regions that move together may differ as a rule, and by which one of them jumps.
-_TOGETHER_PX, _JUMP_PX = 1.5, 6.0
-#: Pixels by which a region is doubted that is not where another one's motion carries it, beside some times the usual.
-_DOUBT_PX, _DOUBT_USUAL = 0.5, 3.0
-#: Part of what is new in a frame that is remembered.
-_LEARNT = 0.2
-
-
 class Companions:
     """Watches the steps of regions against each other."""
 
@@ -251,11 +235,11 @@ class Companions:
                     continue
                 apart = dist(steps[a], steps[b])
                 usual = self._apart.get((a, b))
-                if usual is not None and usual < _TOGETHER_PX and apart > _JUMP_PX + usual:
+                if usual is not None and usual < SETTINGS.together_px and apart > SETTINGS.jump_px + usual:
                     off = {key: dist(steps[key], expected[key]) for key in (a, b)}
                     jumped.add(max(off, key=lambda key: off[key]))
                     continue
-                self._apart[a, b] = apart if usual is None else usual + _LEARNT * (apart - usual)
+                self._apart[a, b] = apart if usual is None else usual + SETTINGS.together_rate * (apart - usual)
         return jumped
 
     def doubted(self, off: dict[tuple[int, int], float]) -> list[tuple[int, int]]:
@@ -274,7 +258,7 @@ class Companions:
         doubted = []
         for pair, this in off.items():
             usual = self._off.get(pair, this)
-            if usual < _TOGETHER_PX and this > _DOUBT_PX + _DOUBT_USUAL * usual:
+            if usual < SETTINGS.together_px and this > SETTINGS.doubt_px + SETTINGS.doubt_usual * usual:
                 doubted.append(pair)
-            self._off[pair] = usual + _LEARNT * (this - usual)
+            self._off[pair] = usual + SETTINGS.together_rate * (this - usual)
         return doubted

@@ -9,16 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import Matrix, box_of, moved, shift
+from .settings import SETTINGS
 from .sight import Sight
 
-#: Longest side of what is searched for, in pixels of the reduced frame, and of that frame.
-_LONGEST, _FRAME_LONGEST = 24, 960
-#: Least correlation of a place that is looked at.
-_ANSWER_LEAST = 0.35
 #: Sizes of the first look that are searched besides the last one's.
 _SIZES = (0.87, 1.15)
-#: Places of each look and size; distance of places from each other, in parts of its size.
-_PEAKS, _APART = 4, 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +45,9 @@ def look_at(sight: Sight, to_image: Matrix, patch: tuple[float, float, float, fl
     return Look(sight.part(x, y, min(ceil(right), width), min(ceil(bottom), height)), (x, y), to_image)
 
 
-def candidates(sight: Sight, looks: list[tuple[Look, float]], most: int, peaks: int = _PEAKS) -> list[Matrix]:
+def candidates(
+    sight: Sight, looks: list[tuple[Look, float]], most: int, peaks: int = SETTINGS.search_peaks
+) -> list[Matrix]:
     """Up to `most` places where a region may be, template to frame pixels, best first.
 
     Parameters
@@ -71,7 +68,7 @@ def candidates(sight: Sight, looks: list[tuple[Look, float]], most: int, peaks: 
     pictures: dict[tuple[int, int], NDArray[np.float32]] = {}
     for look, expected in looks:
         longest = expected * max(look.pixels.shape)
-        reduction = min(_LONGEST / longest, _FRAME_LONGEST / max(height, width), 1.0)
+        reduction = min(SETTINGS.search_side_px / longest, SETTINGS.search_frame_px / max(height, width), 1.0)
         shape = max(round(reduction * width), 1), max(round(reduction * height), 1)
         if shape not in pictures:
             pictures[shape] = sight.reduced(0, 0, width, height, shape)
@@ -84,7 +81,9 @@ def candidates(sight: Sight, looks: list[tuple[Look, float]], most: int, peaks: 
             how = cv2.INTER_AREA if reduction * scale < 1 else cv2.INTER_LINEAR
             pattern = cv2.resize(look.pixels, (across, down), interpolation=how)
             answers = np.nan_to_num(cv2.matchTemplate(picture, pattern, cv2.TM_CCOEFF_NORMED), nan=-1.0)
-            for score, x, y in _peaks(answers, max(_APART * across, 2), max(_APART * down, 2), peaks):
+            for score, x, y in _peaks(
+                answers, max(SETTINGS.search_apart_share * across, 2), max(SETTINGS.search_apart_share * down, 2), peaks
+            ):
                 placed = shift(x * width / shape[0], y * height / shape[1]) @ np.diag([scale, scale, 1.0])
                 found.append((score, scale * longest, placed @ shift(-look.corner[0], -look.corner[1]) @ look.to_image))
     return _distinct(found, most)
@@ -98,7 +97,7 @@ def _peaks(answers: NDArray[np.float32], across: float, down: float, most: int) 
     answers = answers.copy()
     for _ in range(most):
         _, best, _, (x, y) = cv2.minMaxLoc(answers)
-        if best < _ANSWER_LEAST:
+        if best < SETTINGS.search_correlation:
             break
         peaks.append((best, float(x), float(y)))
         answers[max(y - ceil(down), 0) : y + ceil(down) + 1, max(x - ceil(across), 0) : x + ceil(across) + 1] = -1
@@ -110,6 +109,6 @@ def _distinct(found: list[tuple[float, float, Matrix]], most: int) -> list[Matri
     kept: list[tuple[tuple[float, float], Matrix]] = []
     for _, size, matrix in sorted(found, key=lambda item: -item[0]):
         (middle,) = moved(matrix, (0, 0))
-        if all(dist(middle, other) > _APART * size / 2 for other, _ in kept):
+        if all(dist(middle, other) > SETTINGS.search_apart_share * size / 2 for other, _ in kept):
             kept.append((middle, matrix))
     return [matrix for _, matrix in kept[:most]]

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import Matrix, scaling
+from .settings import SETTINGS
 from .template import Template, gradients
 
 #: Generators of the ways a target may move: right, down, larger, turned; and sheared, stretched and tilted.
@@ -24,8 +25,6 @@ _PLANAR = (
 )
 #: Step beyond which each of them is held back where the image says little, in parts of half the template.
 _STEPS = (1.0, 1.0, 0.02, 0.02, 0.005, 0.005, 0.003, 0.003)
-#: Template pixels of a step after which no other one is made.
-_STILL_PX = 0.02
 _Pixels = NDArray[np.float32]
 #: Gain and offset of a frame's light: DN = gain * DN of the first frame + offset.
 GainOffset = tuple[float, float]
@@ -59,7 +58,12 @@ class Level:
             to_template,
             template.to_centred,
             template.from_centred,
-            _STILL_PX * 2 / max(width, height),
+            SETTINGS.still_template_px * 2 / max(width, height),
+            SETTINGS.robust_sigma,
+            SETTINGS.allowed_share,
+            SETTINGS.light_changed_share,
+            SETTINGS.gain_least,
+            SETTINGS.gain_most,
         )
 
     def trust_in(self, trust: _Pixels) -> None:

@@ -10,16 +10,8 @@ from numpy.typing import NDArray
 
 from ..core.computer import compiled_part
 
-#: Residuals from which on pixels count little, in standard deviations of the residuals.
-_ROBUST = 2.5
-#: Residual that is always allowed, in parts of the template's structure: interpolation, blur.
-_ALLOWED = 0.06
 #: Pixels without which nothing is said.
 _PIXELS_LEAST = 6
-#: Factor by which residuals must be smaller for a light that was not expected.
-_CHANGED = 0.75
-#: Least and most change of the light between the first frame and this one.
-_GAIN_LEAST, _GAIN_MOST = 0.05, 12.0
 #: Change of the light after which no other one is looked for: of the gain, and of the middle in parts of the structure.
 _SETTLED = 1e-4
 #: Pixels from which on only every fourth one goes into a median.
@@ -50,6 +42,8 @@ class LevelArrays(NamedTuple):
         Pixels of this size to those of the template; these to centred coordinates, and back.
     still : float
         Step after which no other one is made.
+    robust, allowed, changed, gain_least, gain_most : float
+        See `labcdp.tracking.settings.TrackingSettings`.
     """
 
     values: _Pixels
@@ -65,6 +59,11 @@ class LevelArrays(NamedTuple):
     centred: _Matrix
     from_centred: _Matrix
     still: float
+    robust: float
+    allowed: float
+    changed: float
+    gain_least: float
+    gain_most: float
 
 
 @compiled_part
@@ -95,7 +94,7 @@ def _middle_of(values: _Pixels) -> float:
 @compiled_part
 def _least_spread(level: LevelArrays, gain: float) -> float:
     """Spread of the residuals that noise, interpolation and blur leave in a light."""
-    return max(level.noise * hypot(1.0, 1 / gain), _ALLOWED * level.structure)
+    return max(level.noise * hypot(1.0, 1 / gain), level.allowed * level.structure)
 
 
 @compiled_part
@@ -112,7 +111,7 @@ def compare(
     for at in range(n_some):
         robust[at] = abs(residuals[every * at])
     spread = max(1.4826 * _middle_of(robust[:n_some]), _least_spread(level, gain))
-    scale = np.float32(1 / (_ROBUST * spread))
+    scale = np.float32(1 / (level.robust * spread))
     for at in range(values.size):
         off = residuals[at] * scale
         off = one + off * off
@@ -146,7 +145,7 @@ def find_light(
     if not isnan(expected):
         whole = level.structure**2 * values.size
         gain = (power * gain + whole * expected) / (power + whole)
-    if not _GAIN_LEAST < gain < _GAIN_MOST:
+    if not level.gain_least < gain < level.gain_most:
         return nan, 0.0
     return gain, mean_v - gain * (level.middle + mean_t)
 
@@ -183,10 +182,10 @@ def look(
     """
     guessed = _in_light(level, values, trusted, gain, offset)
     # None fits better than one that leaves only noise.
-    if isnan(gain) or (not isnan(guessed[0]) and _CHANGED * guessed[2] <= _least_spread(level, guessed[0])):
+    if isnan(gain) or (not isnan(guessed[0]) and level.changed * guessed[2] <= _least_spread(level, guessed[0])):
         return guessed
     seen = _in_light(level, values, trusted, nan, 0.0)
     # A guess is kept unless the light has clearly changed.
-    if not isnan(seen[0]) and (isnan(guessed[0]) or seen[2] < _CHANGED * guessed[2]):
+    if not isnan(seen[0]) and (isnan(guessed[0]) or seen[2] < level.changed * guessed[2]):
         return seen
     return guessed

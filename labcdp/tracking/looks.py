@@ -11,29 +11,9 @@ import numpy as np
 from .alignment import Aligner, Fit
 from .geometry import Matrix, box_of, local_scale, moved, shape_change
 from .glances import candidates, look_at
+from .settings import SETTINGS
 from .sight import Sight, view_around
 from .template import Template
-
-#: Quality below which a region is lost, from which it is found again, and at which no other guess is tried.
-LOST_BELOW, FOUND_FROM, GOOD = 0.55, 0.8, 0.85
-#: Share of a region whose own pixels may differ before nothing is to be measured in it.
-COVERED_MOST = 0.05
-#: Lead in quality of a place far off over the next best one.
-_LEAD = 0.1
-#: Pixels around the expected place that are looked at: in parts of the window, and at least.
-_REACH, _REACH_LEAST = 0.25, 12.0
-#: Frames over which the usual quality is a mean, about.
-_USUAL_OVER = 10
-#: Places of the whole frame that are aligned.
-_PLACES = 5
-#: Places of the first frame that are looked at for one that looks the same.
-_REPEATS = 48
-#: Lead in quality of the last confirmed look over the first one with which it is believed.
-_NEWER_LEAD = 0.1
-#: Quality of the first look below which the present one is remembered; frames without a sudden change that it takes.
-_LOOK_BELOW, _CHAIN_LEAST = 0.75, 2
-#: Share of a region's pixels that may change suddenly from frame to frame while its look is learned.
-_SUDDEN_MOST = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +62,7 @@ class Looks:
     def reach(self, to_image: Matrix) -> float:
         """Pixels around a place that are looked at."""
         size = max(self.template.shape) * local_scale(to_image, self.centre)
-        return max(_REACH * size, _REACH_LEAST)
+        return max(SETTINGS.reach_share * size, SETTINGS.reach_px)
 
     def aligned(self, sight: Sight, place: Matrix, light: tuple[float, float], possible: Possible) -> Found | None:
         """Fit near a place by the first look, or if that is not good by the last one."""
@@ -92,11 +72,11 @@ class Looks:
         first = self._aligner.align(view, place, light)
         if first is not None and not possible(first):
             first = None
-        like_first = 0.0 if first is None or first.covered > COVERED_MOST else first.quality
-        if self._recent is not None and like_first < GOOD:
+        like_first = 0.0 if first is None or first.covered > SETTINGS.covered_share else first.quality
+        if self._recent is not None and like_first < SETTINGS.good_quality:
             fit = self._recent.align(view, place, light)
-            like_now = 0.0 if fit is None or fit.covered > COVERED_MOST or not possible(fit) else fit.quality
-            if fit is not None and like_now > like_first + _NEWER_LEAD:
+            like_now = 0.0 if fit is None or fit.covered > SETTINGS.covered_share or not possible(fit) else fit.quality
+            if fit is not None and like_now > like_first + SETTINGS.newer_lead_quality:
                 return Found(fit, self._recent, like_first)
         return None if first is None else Found(first, self._aligner, like_first)
 
@@ -104,7 +84,9 @@ class Looks:
         """Fits in the whole frame, of about the size at a place."""
         scale = local_scale(to_image, self.centre)
         glances = [(look, scale / local_scale(look.to_image, self.centre)) for look in self._glances]
-        found = (self.aligned(sight, place, light, possible) for place in candidates(sight, glances, _PLACES))
+        found = (
+            self.aligned(sight, place, light, possible) for place in candidates(sight, glances, SETTINGS.search_aligned)
+        )
         return [one for one in found if one is not None]
 
     def find_repeats(self, sight: Sight, possible: Possible) -> None:
@@ -113,11 +95,13 @@ class Looks:
         left, top, right, bottom = box_of(to_image, self._patch[2] - self._patch[0], self._patch[3] - self._patch[1])
         apart_least, here = max(min(right - left, bottom - top) / 2, 4.0), self.middle(to_image)
         # Of a pattern many places look as much alike: the nearest one need not be among the best.
-        places = candidates(sight, [(look, 1.0) for look in self._glances], _REPEATS, _REPEATS)
+        places = candidates(
+            sight, [(look, 1.0) for look in self._glances], SETTINGS.repeats_aligned, SETTINGS.repeats_aligned
+        )
         for place in sorted(places, key=lambda one: dist(here, self.middle(one))):
             found = self.aligned(sight, place, (1.0, 0.0), possible)
             apart = 0.0 if found is None else dist(here, self.middle(found.fit.to_image))
-            if found is not None and found.fit.quality >= FOUND_FROM and apart > apart_least:
+            if found is not None and found.fit.quality >= SETTINGS.search_quality and apart > apart_least:
                 self.repeat_px = apart
                 return
 
@@ -144,7 +128,7 @@ class Looks:
         middle, apart = self.middle(best.fit.to_image), self.reach(best.fit.to_image)
         for other in ranked[1:]:
             if dist(self.middle(other.fit.to_image), middle) > apart:
-                return best if best.fit.quality - other.fit.quality >= _LEAD else None
+                return best if best.fit.quality - other.fit.quality >= SETTINGS.lead_quality else None
         return best
 
     def begin_again(self) -> None:
@@ -158,44 +142,36 @@ class Looks:
         values = (fit.values - np.float32(offset)) / np.float32(gain)
         sudden = self._aligner.changed(self._values, values)
         self._values = values
-        self._chain = self._chain + 1 if sudden <= _SUDDEN_MOST and fit.in_image == 1 else 0
-        if fit.covered > COVERED_MOST:
+        self._chain = self._chain + 1 if sudden <= SETTINGS.sudden_share and fit.in_image == 1 else 0
+        if fit.covered > SETTINGS.covered_share:
             return
-        self._anchored = self._anchored or fit.quality >= GOOD
+        self._anchored = self._anchored or fit.quality >= SETTINGS.good_quality
         if not self._anchored:
             return
         if found.aligner is self._aligner:
-            self.usual += (fit.quality - self.usual) / _USUAL_OVER
+            self.usual += (fit.quality - self.usual) / SETTINGS.usual_frames
             self._aligner.learn(fit)
-        if fit.quality >= GOOD and self._chain > 0:
+        if fit.quality >= SETTINGS.good_quality and self._chain > 0:
             look = look_at(sight, fit.to_image, self._patch)
             if look is not None:
                 self._glances = [*self._glances[:1], look]
-        if found.first < _LOOK_BELOW and self._chain >= _CHAIN_LEAST:
+        if found.first < SETTINGS.newer_below_quality and self._chain >= SETTINGS.newer_frames:
             self._recent = self._aligner.relooked(values)
             self._chain = 0
 
 
-#: Share of the template that must lie in the image.
-_IN_IMAGE_LEAST = 0.4
-#: Largest change of size from frame to frame, and over all.
-_SIZE_STEP, _SIZE_LEAST, _SIZE_MOST = 1.25, 0.15, 8.0
-#: Largest change of its shape from frame to frame: stretched, turned (rad), tilted (perspective over half its size).
-_STRETCH_STEP, _TURN_STEP, _TILT_STEP = 1.1, 0.25, 0.05
-
-
 def shape_allows(template: Template, before: Matrix, fit: Fit, frames: int) -> bool:
     """Whether a region can have got from one place to that of a fit in some frames, in the image and of its shape."""
-    if fit.in_image < _IN_IMAGE_LEAST:
+    if fit.in_image < SETTINGS.in_image_share:
         return False
     height, width = template.shape
     long, short, turned, tilted = shape_change(before, fit.to_image, template.to_centred, template.from_centred)
     size = (long * short) ** 0.5
     over_all = local_scale(fit.to_image, (width / 2, height / 2)) * template.reduction
     return (
-        1 / _SIZE_STEP**frames < size < _SIZE_STEP**frames
-        and long < _STRETCH_STEP**frames * short
-        and abs(turned) < _TURN_STEP * frames
-        and tilted < _TILT_STEP * frames
-        and _SIZE_LEAST < over_all < _SIZE_MOST
+        1 / SETTINGS.size_step**frames < size < SETTINGS.size_step**frames
+        and long < SETTINGS.stretch_step**frames * short
+        and abs(turned) < SETTINGS.turn_step_rad * frames
+        and tilted < SETTINGS.tilt_step * frames
+        and SETTINGS.size_least < over_all < SETTINGS.size_most
     )

@@ -9,29 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import Matrix, inverse, scaling, shift, transform
+from .settings import SETTINGS
 from .sight import Sight, median, noise_dn
 
-#: Most rows and columns of the picture that is compared from frame to frame.
-_SIZE = 32, 48
-#: Correlation of two pictures in a row below which the scene is another one.
-_LEAST_CORRELATION = 0.5
-#: Standard deviation of the picture in DN below which nothing is seen in it.
-_BLANK_DN = 0.7
-#: Pixels along each side from which the noise is estimated; times the noise of its cells that a picture must vary.
-_SAMPLE, _CLEAR = 512, 4.0
-#: Rows and columns of parts of the frame of which each gives a point to follow if it has a corner; least number.
-_PARTS, _POINTS_LEAST = (8, 12), 12
-#: Least answer of a corner. Surroundings in which contrast is made the same, and contrast below which it is not, in DN.
-_CORNER, _LOCAL, _CONTRAST_DN = 5e-4, (17, 17), 3.0
-#: Distance in pixels of the small frame within which a point moves with the others; share that has to; share below
-#: which new points are chosen.
-_WITH_PX, _SHARE_LEAST, _SHARE_NEW = 1.0, 0.2, 0.5
-#: Lead in this share that another motion needs over rest, and over that of the frame before.
-_LEAD = 0.2
-#: Light in DN below which it tells nothing; factor from which on it changed at once, whatever the contrast did.
-_LIGHT_LEAST_DN, _AT_ONCE = 1.0, 1.6
-#: Frames after which the points are followed if nothing asked for the motion before.
-_FOLLOWED_EVERY = 4
+#: Most rows and columns of the very small picture; rows and columns of parts of the frame with a point each; pixels
+#: around one in which contrast is made the same.
+_SIZE, _PARTS, _LOCAL = (32, 48), (8, 12), (17, 17)
 
 
 class SceneNow:
@@ -65,10 +48,10 @@ class SceneNow:
 
     def light_over(self, then: SceneNow) -> float:
         """Light over that of an earlier frame, 1 if it is not known."""
-        if self.change == "cut" or min(self.light, then.light) < _LIGHT_LEAST_DN:
+        if self.change == "cut" or min(self.light, then.light) < SETTINGS.scene_light_dn:
             return 1.0
         change = self.light / then.light
-        if not 1 / _AT_ONCE < change < _AT_ONCE:
+        if not 1 / SETTINGS.scene_light_jump < change < SETTINGS.scene_light_jump:
             return change
         # Light on everything changes the contrast as much, a veil against it, and what comes into sight either way.
         low, high = sorted((change, self.contrast / max(then.contrast, 1e-9)))
@@ -91,7 +74,11 @@ class SceneWatch:
         self._last_cells = sight.shape[0] * sight.shape[1] / self._last.size
         self._epoch = self._epochs = self._frames = 0
         self._median = median(sight.small)
-        self._noise = noise_dn(sight.part(0, 0, min(sight.shape[1], _SAMPLE), min(sight.shape[0], _SAMPLE)))
+        self._noise = noise_dn(
+            sight.part(
+                0, 0, min(sight.shape[1], SETTINGS.noise_sample_px), min(sight.shape[0], SETTINGS.noise_sample_px)
+            )
+        )
         self._start(_grey(sight.small), np.eye(3))
         self._beginning = self._key, self._points
 
@@ -99,12 +86,12 @@ class SceneWatch:
         """Compare the next frame."""
         this = _tiny(sight)
         power = float(np.vdot(this, this))
-        if power < _BLANK_DN**2 * this.size:
+        if power < SETTINGS.blank_dn**2 * this.size:
             return SceneNow("blank", self._median, 0.0, lambda: None)
         last, self._last = self._last, this
         powers = power * float(np.vdot(last, last))
         self._median = median(sight.small[::3, ::3])
-        cut = powers == 0 or float(np.vdot(this, last)) < _LEAST_CORRELATION * powers**0.5
+        cut = powers == 0 or float(np.vdot(this, last)) < SETTINGS.cut_correlation * powers**0.5
         small, factor = sight.small, scaling(sight.reduction)
 
         def motion() -> tuple[int, Matrix]:
@@ -117,7 +104,7 @@ class SceneWatch:
         now = SceneNow("cut" if cut else "", self._median, (power / this.size) ** 0.5, motion)
         # Another scene begins with its first frame; points that are not followed for long are not found again.
         self._frames += 1
-        if cut or self._frames % _FOLLOWED_EVERY == 0:
+        if cut or self._frames % SETTINGS.scene_every_frames == 0:
             now.moved_since(now)
         return now
 
@@ -143,7 +130,10 @@ class SceneWatch:
     def holds(self) -> bool:
         """Whether there is enough in the scene to tell where a plain region of it is."""
         pixels = self._last_cells
-        return len(self._points) >= _POINTS_LEAST and float(self._last.std()) > _CLEAR * self._noise / pixels**0.5
+        return (
+            len(self._points) >= SETTINGS.scene_points
+            and float(self._last.std()) > SETTINGS.scene_clear_noise * self._noise / pixels**0.5
+        )
 
     def _start(self, grey: NDArray[np.uint8], motion: Matrix) -> None:
         """Choose points in a frame to which the scene moved by `motion`."""
@@ -159,7 +149,7 @@ class SceneWatch:
                 part = answers[top : (row + 1) * grey.shape[0] // rows, left : (column + 1) * grey.shape[1] // columns]
                 # Of a frame of a few pixels some have none.
                 _, best, _, (x, y) = cv2.minMaxLoc(part) if part.size else (0, 0.0, 0, (0, 0))
-                if best > _CORNER:
+                if best > SETTINGS.scene_corner:
                     points.append((left + x, top + y))
         self._points = np.array(points, np.float32).reshape(-1, 1, 2)
         self._key = grey
@@ -169,7 +159,7 @@ class SceneWatch:
         """How the scene moved since the start of its epoch, in pixels of the small frame; None if that is lost."""
         import cv2
 
-        if len(self._points) < _POINTS_LEAST:
+        if len(self._points) < SETTINGS.scene_points:
             return None
         before = self._points.reshape(-1, 2) + 0.5
         guess = (transform(self._since_key, before) - 0.5).astype(np.float32).reshape(-1, 1, 2)
@@ -177,30 +167,32 @@ class SceneWatch:
             self._key, grey, self._points, guess, winSize=(15, 15), maxLevel=3, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
         )
         good = found.ravel() == 1
-        if np.count_nonzero(good) < _POINTS_LEAST:
+        if np.count_nonzero(good) < SETTINGS.scene_points:
             return None
         after = there.reshape(-1, 2) + 0.5
 
         def near_of(guess: Matrix) -> NDArray[np.bool_]:
-            return np.asarray(good & (np.hypot(*(transform(guess, before) - after).T) < _WITH_PX), dtype=np.bool_)
+            return np.asarray(
+                good & (np.hypot(*(transform(guess, before) - after).T) < SETTINGS.scene_with_px), dtype=np.bool_
+            )
 
         # What moves before the scene may have more of the points than the scene itself.
         motion, share = None, 0.0
         for start in (np.eye(3), self._since_key, None):
-            if share > 1 - _LEAD:
+            if share > 1 - SETTINGS.scene_lead_share:
                 break
             near = near_of(common_motion(before[good], after[good]) if start is None else start)
-            if float(near.mean()) > max(share + _LEAD, _SHARE_LEAST):
+            if float(near.mean()) > max(share + SETTINGS.scene_lead_share, SETTINGS.scene_share):
                 motion, share = common_motion(before[near], after[near]), float(near.mean())
         if motion is None:
             return None
         # A few points turn and stretch a scene that only moves.
         plain = shift(*(median(steps) for steps in (after - before)[near_of(motion)].T))
-        if float(near_of(plain).mean()) > share - _LEAD / 2:
+        if float(near_of(plain).mean()) > share - SETTINGS.scene_lead_share / 2:
             motion = plain
         self._since_key = motion
         now: Matrix = motion @ self._key_motion
-        if share < _SHARE_NEW:
+        if share < SETTINGS.scene_share_new:
             self._start(grey, now)
         return now
 
@@ -210,7 +202,7 @@ def _grey(small: NDArray[np.float32]) -> NDArray[np.uint8]:
     import cv2
 
     deviations = small - cv2.blur(small, _LOCAL)
-    contrast = cv2.blur(np.abs(deviations), _LOCAL) + np.float32(_CONTRAST_DN)
+    contrast = cv2.blur(np.abs(deviations), _LOCAL) + np.float32(SETTINGS.scene_contrast_dn)
     return np.asarray(np.clip(128 + 40 * deviations / contrast, 0, 255), dtype=np.uint8)
 
 

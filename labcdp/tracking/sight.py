@@ -11,20 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .geometry import Matrix, box_of, local_scale, shift
-
-#: Longest side of the frame made small.
-_SMALL = 480
-#: Least noise in DN: that of rounding.
-_ROUNDING_DN = 0.3
-#: Standard deviation of the noise that frames of more than 8 bits are scaled to, in DN.
-_NOISE_DN = 3.2
-#: Least standard deviation that frames of 8 bits and coded ones are scaled to, in DN, as far as their noise allows.
-_STRUCTURE_DN = 16.0
-#: Standard deviation, in those of the noise, from which a frame shows more than noise.
-_MORE_THAN_NOISE = 3.0
-#: Pixels of a frame along each side that its noise is estimated from.
-_SAMPLE = 512
-
+from .settings import SETTINGS
 
 #: What the DN of frames are: see `labcdp.tracking.make_tracker`.
 Levels = tuple[float, float, float]
@@ -72,11 +59,11 @@ class Sight:
 
     @cached_property
     def small(self) -> NDArray[np.float32]:
-        """Whole frame, at most `_SMALL` pixels long, averaged."""
+        """Whole frame, at most `SETTINGS.small_frame_px` pixels long, averaged."""
         import cv2
 
         height, width = self.shape
-        every = max(1, -(-max(height, width) // _SMALL))
+        every = max(1, -(-max(height, width) // SETTINGS.small_frame_px))
         frame = self.frame[: height // every * every, : width // every * every]
         # OpenCV is many times as fast at halves.
         while every > 1:
@@ -88,7 +75,7 @@ class Sight:
     @property
     def reduction(self) -> float:
         """Pixels of `small` for each of the frame."""
-        return 1 / max(1, -(-max(self.shape) // _SMALL))
+        return 1 / max(1, -(-max(self.shape) // SETTINGS.small_frame_px))
 
     def _scaled(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         if self.scale == 1 and self.black == 0:
@@ -101,14 +88,14 @@ def scale_of(frame: NDArray[Any], usual: float = nan) -> float:
 
     Of a coded frame, whose errors are no noise, and of one of 8 bits it is the `usual` one, but more in the dark.
     """
-    top, left = (max(side - _SAMPLE, 0) // 2 for side in frame.shape)
-    middle = frame[top : top + _SAMPLE, left : left + _SAMPLE].astype(np.float32)
+    top, left = (max(side - SETTINGS.noise_sample_px, 0) // 2 for side in frame.shape)
+    middle = frame[top : top + SETTINGS.noise_sample_px, left : left + SETTINGS.noise_sample_px].astype(np.float32)
     noise, structure = noise_dn(middle), float(middle.std())
     if isnan(usual):
-        return _NOISE_DN / noise
-    if structure <= _MORE_THAN_NOISE * noise:
+        return SETTINGS.scaled_noise_dn / noise
+    if structure <= SETTINGS.structure_over_noise * noise:
         return usual
-    return max(usual, min(_STRUCTURE_DN / structure, _NOISE_DN / noise))
+    return max(usual, min(SETTINGS.scaled_structure_dn / structure, SETTINGS.scaled_noise_dn / noise))
 
 
 def smooth(image: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -138,8 +125,8 @@ def noise_dn(window: NDArray[np.float32]) -> float:
     z = window[2:] - 2 * window[1:-1] + window[:-2]
     answers = z[:, 2:] - 2 * z[:, 1:-1] + z[:, :-2]
     if answers.size == 0:
-        return _ROUNDING_DN
-    return max(median(np.abs(answers)) / 0.6745 / 6, _ROUNDING_DN)
+        return SETTINGS.rounding_noise_dn
+    return max(median(np.abs(answers)) / 0.6745 / 6, SETTINGS.rounding_noise_dn)
 
 
 _FROM_CORNER, _TO_CORNER = shift(-0.5, -0.5), shift(0.5, 0.5)

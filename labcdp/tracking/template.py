@@ -11,35 +11,11 @@ from numpy.typing import NDArray
 
 from ..core.roi import Roi
 from .geometry import Matrix, inverse, scaling, shift, transform
+from .settings import SETTINGS
 from .sight import Sight, noise_dn, smooth
 
-#: Longest side of a template in its own pixels; a larger window is reduced to it.
-LONGEST = 48
-#: Noise in DN beyond which a template is reduced further, down to this longest side.
-_NOISE_DN, _NOISY = 6.0, 20
-#: Pixels around a region at which its window begins to grow: in parts of its longer side, and at least.
-_MARGIN, _MARGIN_LEAST = 0.08, 3.0
-#: Factor of a step of growth, and pixels up to which it may grow at least.
-_GROWTH, _MARGIN_MOST = 1.25, 48.0
-#: What it takes in beyond what fixes the place, in parts of the margin, and in pixels of frame and template at least:
-#: else edges lie at its end, and half of an edge looks like that of something smaller.
-_BEYOND, _BEYOND_PX, _BEYOND_OWN_PX = 0.15, 2.0, 1.6
-#: Standard deviation in pixels, by noise, with which a window should and must fix a place along its weakest direction.
-_PLACE_PX, _PLACE_MOST_PX = 0.25, 0.5
-#: Factor by which a larger window must fix it better to be worth what else it takes in.
-_WORTH = 2.0
-#: What light, blur and interpolation leave even without noise, in DN.
-_UNLIKE_DN = 1.0
-#: Least noise of a template in DN, standard deviation: what the coding of a video leaves even of a smoothed image.
-_CODING_DN = 1.2
-#: Noise in DN of 8 bits that tells that a codec leaves out nothing, standard deviation.
-_KEPT_DN = 0.6
 #: Variance of the gradient of a smoothed image (see `smooth` and `gradients`) with noise of variance 1.
 _GRADIENT_NOISE = 0.0586
-
-
-#: Template pixels that an edge is wide (twice over, and one); trust in what is beyond a patch's edge.
-_EDGE, _TRUST_BEYOND = 5, 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +27,7 @@ class Template:
     roi : Roi
         The region in the first frame.
     values : ndarray of float32, shape (h, w)
-        The window, reduced to `LONGEST` and smoothed.
+        The window, reduced to `SETTINGS.template_side_px` and smoothed.
     to_image : ndarray of float, shape (3, 3)
         Template pixels to pixels of the first frame.
     noise_dn : float
@@ -85,8 +61,13 @@ class Template:
 
         if not self.inside.any():
             return np.ones(self.shape, np.float32)
-        edged = cv2.dilate(self.patch.astype(np.uint8), np.ones((_EDGE, _EDGE), np.uint8)) > 0
-        return np.where(edged, np.float32(1), np.float32(_TRUST_BEYOND))
+        edged = (
+            cv2.dilate(
+                self.patch.astype(np.uint8), np.ones((SETTINGS.edge_template_px, SETTINGS.edge_template_px), np.uint8)
+            )
+            > 0
+        )
+        return np.where(edged, np.float32(1), np.float32(SETTINGS.weight_beyond))
 
     @cached_property
     def patch(self) -> NDArray[np.bool_]:
@@ -97,7 +78,7 @@ class Template:
         if not inside.any():
             return inside
         own = self.values[inside]
-        alike = np.abs(self.values - np.median(own)) <= max(3 * float(own.std()), 4 * self.noise_dn, _UNLIKE_DN)
+        alike = np.abs(self.values - np.median(own)) <= max(3 * float(own.std()), 4 * self.noise_dn, SETTINGS.unlike_dn)
         _, labels = cv2.connectedComponents(alike.astype(np.uint8), connectivity=4)
         there = np.unique(labels[inside & alike])
         patch: NDArray[np.bool_] = np.isin(labels, there[there > 0]) | inside
@@ -158,16 +139,10 @@ class Template:
         return crossings
 
 
-#: Share of the window's rim that belongs to the same patch as a region of the background.
-_BACKGROUND = 0.3
-#: Standard deviation of a plain region at most: times the noise, and in parts of its brightness.
-_PLAIN_NOISE, _PLAIN = 3.0, 0.06
-
-
 def plain_template(sight: Sight, roi: Roi) -> Template:
     """Remember a region with hardly anything around it."""
     x0, y0, x1, y1 = roi.bounds
-    return _template(sight, roi, max(_MARGIN * max(x1 - x0, y1 - y0), _MARGIN_LEAST))
+    return _template(sight, roi, max(SETTINGS.margin_share * max(x1 - x0, y1 - y0), SETTINGS.margin_px))
 
 
 def is_background(template: Template) -> bool:
@@ -175,8 +150,10 @@ def is_background(template: Template) -> bool:
     patch = template.patch
     rim = np.concatenate([patch[0], patch[-1], patch[:, 0], patch[:, -1]])
     own = template.values[template.inside.reshape(template.shape)]
-    plain = own.size > 0 and float(own.std()) <= max(_PLAIN_NOISE * template.noise_dn, _PLAIN * float(np.median(own)))
-    return plain and bool(rim.mean() > _BACKGROUND)
+    plain = own.size > 0 and float(own.std()) <= max(
+        SETTINGS.plain_noise * template.noise_dn, SETTINGS.plain_share * float(np.median(own))
+    )
+    return plain and bool(rim.mean() > SETTINGS.background_rim_share)
 
 
 def make_template(sight: Sight, roi: Roi) -> Template | None:
@@ -194,21 +171,21 @@ def make_template(sight: Sight, roi: Roi) -> Template | None:
     """
     x0, y0, x1, y1 = roi.bounds
     side = max(x1 - x0, y1 - y0)
-    most = max(1.5 * side, _MARGIN_MOST, min(sight.shape) / 4)
-    margins = [max(_MARGIN * side, _MARGIN_LEAST)]
+    most = max(1.5 * side, SETTINGS.margin_most_px, min(sight.shape) / 4)
+    margins = [max(SETTINGS.margin_share * side, SETTINGS.margin_px)]
     sure = [place_uncertainty_px(_template(sight, roi, margins[0]))]
-    while sure[-1] > _PLACE_PX and margins[-1] < most:
-        margins.append(min(_GROWTH * margins[-1], most))
+    while sure[-1] > SETTINGS.position_px and margins[-1] < most:
+        margins.append(min(SETTINGS.margin_growth * margins[-1], most))
         sure.append(place_uncertainty_px(_template(sight, roi, margins[-1])))
-    if min(sure) > _PLACE_MOST_PX:
+    if min(sure) > SETTINGS.position_most_px:
         return None
-    enough = min(max(_PLACE_PX, _WORTH * min(sure)), _PLACE_MOST_PX)
+    enough = min(max(SETTINGS.position_px, SETTINGS.window_worth * min(sure)), SETTINGS.position_most_px)
     margin = next(margin for margin, this in zip(margins, sure, strict=True) if this <= enough)
-    margin *= 1 + _BEYOND
-    template = _template(sight, roi, margin + _BEYOND_PX)
-    wider = _BEYOND_OWN_PX / template.reduction
+    margin *= 1 + SETTINGS.margin_beyond_share
+    template = _template(sight, roi, margin + SETTINGS.margin_beyond_px)
+    wider = SETTINGS.margin_beyond_template_px / template.reduction
     # What ends a background may move otherwise.
-    if wider <= _BEYOND_PX or is_background(template):
+    if wider <= SETTINGS.margin_beyond_px or is_background(template):
         return template
     return _template(sight, roi, margin + wider)
 
@@ -230,7 +207,7 @@ def place_uncertainty_px(template: Template) -> float:
     weakest = float(np.linalg.eigvalsh(products)[0]) - 2 * n * _GRADIENT_NOISE * noise_dn**2
     if weakest <= 0:
         return float("inf")
-    return float(hypot(noise_dn, _UNLIKE_DN) / weakest**0.5 / template.reduction)
+    return float(hypot(noise_dn, SETTINGS.unlike_dn) / weakest**0.5 / template.reduction)
 
 
 #: Standard deviation of smoothed noise of standard deviation 1: that of the kernel 1 2 1 along both axes.
@@ -253,12 +230,16 @@ def _template(sight: Sight, roi: Roi, margin: float) -> Template:
     window = sight.part(left, top, right, bottom)
     own = sight.part(max(floor(x0), 0), max(floor(y0), 0), ceil(x1), ceil(y1))
     noise = noise_dn(window)
-    reduction = min(LONGEST / max(window.shape), max(_NOISE_DN / noise, _NOISY / max(window.shape)), 1.0)
+    reduction = min(
+        SETTINGS.template_side_px / max(window.shape),
+        max(SETTINGS.noisy_dn / noise, SETTINGS.noisy_side_px / max(window.shape)),
+        1.0,
+    )
     size = max(round(reduction * window.shape[1]), 3), max(round(reduction * window.shape[0]), 3)
     small = cv2.resize(window, size, interpolation=cv2.INTER_AREA) if reduction < 1 else window
     factors = window.shape[1] / small.shape[1], window.shape[0] / small.shape[0]
     # Averaging leaves less noise, as long as it is not correlated.
     noise = noise / (factors[0] * factors[1]) ** 0.5 * SMOOTHED_NOISE
     to_image = shift(left, top) @ scaling(*factors)
-    kept_from = _KEPT_DN * sight.step_dn / noise_dn(own)
-    return Template(roi, smooth(small), to_image, max(noise, _CODING_DN), sight.faint_dn, kept_from)
+    kept_from = SETTINGS.kept_noise_dn * sight.step_dn / noise_dn(own)
+    return Template(roi, smooth(small), to_image, max(noise, SETTINGS.coding_noise_dn), sight.faint_dn, kept_from)

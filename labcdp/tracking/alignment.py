@@ -8,10 +8,10 @@ from math import hypot, isfinite, isnan, nan
 import numpy as np
 from numpy.typing import NDArray
 
+from .frame import View
 from .geometry import Matrix
 from .level import GainOffset, Level
 from .settings import SETTINGS
-from .sight import View
 from .template import Template, gradients
 
 #: Own pixels below which none is said to be covered.

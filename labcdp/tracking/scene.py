@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .frame import GreyFrame, median, noise_dn
 from .geometry import Matrix, inverse, scaling, shift, transform
 from .settings import SETTINGS
-from .sight import Sight, median, noise_dn
 
 #: Most rows and columns of the very small picture; rows and columns of parts of the frame with a point each; pixels
 #: around one in which contrast is made the same.
@@ -53,7 +53,7 @@ class SceneNow:
         change = self.light / then.light
         if not 1 / SETTINGS.scene_light_jump < change < SETTINGS.scene_light_jump:
             return change
-        # Light on everything changes the contrast as much, a veil against it, and what comes into sight either way.
+        # Light on everything changes the contrast as much, a veil against it, and what comes into frame either way.
         low, high = sorted((change, self.contrast / max(then.contrast, 1e-9)))
         return min(max(low, 1.0), high)
 
@@ -63,36 +63,36 @@ class SceneNow:
         return self._found
 
 
-class SceneWatch:
+class SceneMotion:
     """Compares each frame, made small, with the one before and with one in which its points were chosen."""
 
     _key: NDArray[np.uint8]
     _points: NDArray[np.float32]
 
-    def __init__(self, sight: Sight) -> None:
-        self._last = _tiny(sight)
-        self._last_cells = sight.shape[0] * sight.shape[1] / self._last.size
+    def __init__(self, frame: GreyFrame) -> None:
+        self._last = _tiny(frame)
+        self._last_cells = frame.shape[0] * frame.shape[1] / self._last.size
         self._epoch = self._epochs = self._frames = 0
-        self._median = median(sight.small)
+        self._median = median(frame.small)
         self._noise = noise_dn(
-            sight.part(
-                0, 0, min(sight.shape[1], SETTINGS.noise_sample_px), min(sight.shape[0], SETTINGS.noise_sample_px)
+            frame.part(
+                0, 0, min(frame.shape[1], SETTINGS.noise_sample_px), min(frame.shape[0], SETTINGS.noise_sample_px)
             )
         )
-        self._start(_grey(sight.small), np.eye(3))
+        self._start(_grey(frame.small), np.eye(3))
         self._beginning = self._key, self._points
 
-    def look(self, sight: Sight) -> SceneNow:
+    def look(self, frame: GreyFrame) -> SceneNow:
         """Compare the next frame."""
-        this = _tiny(sight)
+        this = _tiny(frame)
         power = float(np.vdot(this, this))
         if power < SETTINGS.blank_dn**2 * this.size:
             return SceneNow("blank", self._median, 0.0, lambda: None)
         last, self._last = self._last, this
         powers = power * float(np.vdot(last, last))
-        self._median = median(sight.small[::3, ::3])
+        self._median = median(frame.small[::3, ::3])
         cut = powers == 0 or float(np.vdot(this, last)) < SETTINGS.cut_correlation * powers**0.5
-        small, factor = sight.small, scaling(sight.reduction)
+        small, factor = frame.small, scaling(frame.reduction)
 
         def motion() -> tuple[int, Matrix]:
             grey = _grey(small)
@@ -206,12 +206,12 @@ def _grey(small: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.asarray(np.clip(128 + 40 * deviations / contrast, 0, 255), dtype=np.uint8)
 
 
-def _tiny(sight: Sight) -> NDArray[np.float32]:
+def _tiny(frame: GreyFrame) -> NDArray[np.float32]:
     """Very small picture of a frame, less its mean."""
     import cv2
 
-    rows, columns = (min(most, side) for most, side in zip(_SIZE, sight.small.shape, strict=True))
-    tiny = cv2.resize(sight.small, (columns, rows), interpolation=cv2.INTER_AREA)
+    rows, columns = (min(most, side) for most, side in zip(_SIZE, frame.small.shape, strict=True))
+    tiny = cv2.resize(frame.small, (columns, rows), interpolation=cv2.INTER_AREA)
     return np.asarray(tiny - tiny.mean(dtype=np.float64), dtype=np.float32)
 
 

@@ -226,6 +226,28 @@ class TrackingSettings:
     repeats_aligned: int = _constant(
         48, 16, 96, "positions of the first frame that are looked at for one that looks the same", _SIMULATED
     )
+    # The correlation filter
+    filter_window: float = _constant(2.5, 2.0, 4.0, "side of the filter's window over that of the region", _REAL)
+    filter_margin_template_px: float = _constant(16.0, 8.0, 32.0, "least that this is more than the region's", _REAL)
+    filter_rate: float = _constant(0.05, 0.02, 0.1, "part of what is new in a frame that is learned", _REAL)
+    filter_every_frames: int = _constant(4, 1, 10, "frames after which a region that looks as before is learned", _COST)
+    filter_regular: float = _constant(0.1, 0.01, 1.0, "regularisation, over the mean power of the features", _REAL)
+    filter_size_step: float = _constant(1.04, 1.02, 1.08, "factor of the sizes that are tried", _REAL)
+    filter_size_worth: float = _constant(0.98, 0.9, 1.0, "worth of the answer at another size", _REAL)
+    filter_first: float = _constant(
+        0.4, 0.3, 0.6, "answer of the first filter from which a region is seen there", _REAL
+    )
+    filter_recent: float = _constant(0.3, 0.2, 0.5, "and of the one that has learned since", _REAL)
+    filter_agrees: float = _constant(
+        0.3, 0.2, 0.5, "answer of the first one without which a poor fit is not believed", _REAL
+    )
+    filter_near: float = _constant(
+        0.35, 0.2, 0.6, "distance of an alignment from where the filter answers, over the size", _REAL
+    )
+    filter_fit_quality: float = _constant(0.7, 0.55, 0.85, "quality from which the alignment is taken there", _REAL)
+    filter_again: float = _constant(
+        0.5, 0.4, 0.7, "answer of the first one from which a lost region is found again", _REAL
+    )
     # Confirmation
     lost_quality: float = _constant(0.55, 0.5, 0.7, "quality below which a region is not there", _SIMULATED)
     search_quality: float = _constant(

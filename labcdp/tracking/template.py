@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core.roi import Roi
+from .frame import GreyFrame, noise_dn, smooth
 from .geometry import Matrix, inverse, scaling, shift, transform
 from .settings import SETTINGS
-from .sight import Sight, noise_dn, smooth
 
 #: Variance of the gradient of a smoothed image (see `smooth` and `gradients`) with noise of variance 1.
 _GRADIENT_NOISE = 0.0586
@@ -139,10 +139,10 @@ class Template:
         return crossings
 
 
-def plain_template(sight: Sight, roi: Roi) -> Template:
+def plain_template(frame: GreyFrame, roi: Roi) -> Template:
     """Remember a region with hardly anything around it."""
     x0, y0, x1, y1 = roi.bounds
-    return _template(sight, roi, max(SETTINGS.margin_share * max(x1 - x0, y1 - y0), SETTINGS.margin_px))
+    return _template(frame, roi, max(SETTINGS.margin_share * max(x1 - x0, y1 - y0), SETTINGS.margin_px))
 
 
 def is_background(template: Template) -> bool:
@@ -156,7 +156,7 @@ def is_background(template: Template) -> bool:
     return plain and bool(rim.mean() > SETTINGS.background_rim_share)
 
 
-def make_template(sight: Sight, roi: Roi) -> Template | None:
+def make_template(frame: GreyFrame, roi: Roi) -> Template | None:
     """Choose the smallest window around a region that fixes its place, and remember it.
 
     A region is uniform as a rule, so its place is known by the edges around it. The window grows until the noise allows
@@ -171,23 +171,23 @@ def make_template(sight: Sight, roi: Roi) -> Template | None:
     """
     x0, y0, x1, y1 = roi.bounds
     side = max(x1 - x0, y1 - y0)
-    most = max(1.5 * side, SETTINGS.margin_most_px, min(sight.shape) / 4)
+    most = max(1.5 * side, SETTINGS.margin_most_px, min(frame.shape) / 4)
     margins = [max(SETTINGS.margin_share * side, SETTINGS.margin_px)]
-    sure = [place_uncertainty_px(_template(sight, roi, margins[0]))]
+    sure = [place_uncertainty_px(_template(frame, roi, margins[0]))]
     while sure[-1] > SETTINGS.position_px and margins[-1] < most:
         margins.append(min(SETTINGS.margin_growth * margins[-1], most))
-        sure.append(place_uncertainty_px(_template(sight, roi, margins[-1])))
+        sure.append(place_uncertainty_px(_template(frame, roi, margins[-1])))
     if min(sure) > SETTINGS.position_most_px:
         return None
     enough = min(max(SETTINGS.position_px, SETTINGS.window_worth * min(sure)), SETTINGS.position_most_px)
     margin = next(margin for margin, this in zip(margins, sure, strict=True) if this <= enough)
     margin *= 1 + SETTINGS.margin_beyond_share
-    template = _template(sight, roi, margin + SETTINGS.margin_beyond_px)
+    template = _template(frame, roi, margin + SETTINGS.margin_beyond_px)
     wider = SETTINGS.margin_beyond_template_px / template.reduction
     # What ends a background may move otherwise.
     if wider <= SETTINGS.margin_beyond_px or is_background(template):
         return template
-    return _template(sight, roi, margin + wider)
+    return _template(frame, roi, margin + wider)
 
 
 def place_uncertainty_px(template: Template) -> float:
@@ -220,15 +220,15 @@ def gradients(values: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray
     return np.asarray(dx), np.asarray(dy)
 
 
-def _template(sight: Sight, roi: Roi, margin: float) -> Template:
+def _template(frame: GreyFrame, roi: Roi, margin: float) -> Template:
     import cv2
 
-    height, width = sight.shape
+    height, width = frame.shape
     x0, y0, x1, y1 = roi.bounds
     left, top = max(floor(x0 - margin), 0), max(floor(y0 - margin), 0)
     right, bottom = min(ceil(x1 + margin), width), min(ceil(y1 + margin), height)
-    window = sight.part(left, top, right, bottom)
-    own = sight.part(max(floor(x0), 0), max(floor(y0), 0), ceil(x1), ceil(y1))
+    window = frame.part(left, top, right, bottom)
+    own = frame.part(max(floor(x0), 0), max(floor(y0), 0), ceil(x1), ceil(y1))
     noise = noise_dn(window)
     reduction = min(
         SETTINGS.template_side_px / max(window.shape),
@@ -241,5 +241,5 @@ def _template(sight: Sight, roi: Roi, margin: float) -> Template:
     # Averaging leaves less noise, as long as it is not correlated.
     noise = noise / (factors[0] * factors[1]) ** 0.5 * SMOOTHED_NOISE
     to_image = shift(left, top) @ scaling(*factors)
-    kept_from = SETTINGS.kept_noise_dn * sight.step_dn / noise_dn(own)
-    return Template(roi, smooth(small), to_image, max(noise, SETTINGS.coding_noise_dn), sight.faint_dn, kept_from)
+    kept_from = SETTINGS.kept_noise_dn * frame.step_dn / noise_dn(own)
+    return Template(roi, smooth(small), to_image, max(noise, SETTINGS.coding_noise_dn), frame.faint_dn, kept_from)

@@ -3,38 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import dist, inf, isfinite
 
 import numpy as np
 
 from .alignment import Aligner, Fit
+from .correlation import CorrelationFilter, Response
+from .frame import GreyFrame, view_around
 from .geometry import Matrix, box_of, local_scale, moved, shape_change
-from .glances import candidates, look_at
+from .level import GainOffset
+from .search import candidates, look_at
 from .settings import SETTINGS
-from .sight import Sight, view_around
 from .template import Template
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A fit, by which look, and how well the first look fits."""
+    """A fit, by which look, how well the first look fits, and the filter's response if that found it instead."""
 
     fit: Fit
     aligner: Aligner
     first: float
+    response: Response | None = None
 
 
 #: Whether a region can have got where a fit puts it.
 Possible = Callable[[Fit], bool]
 
 
-class Looks:
+class Appearance:
     """The looks of one region, and fits by them."""
 
-    def __init__(self, sight: Sight, template: Template, *, planar: bool) -> None:
+    def __init__(self, frame: GreyFrame, template: Template, *, planar: bool) -> None:
         self.template = template
         self._aligner = Aligner(template, planar=planar)
+        self.filter = CorrelationFilter(frame, template)
+        self._frames = 0
         self._recent: Aligner | None = None
         #: Distance in pixels to the nearest other place in the first frame that looks the same; infinite: none.
         self.repeat_px = inf
@@ -46,7 +51,7 @@ class Looks:
         rows, columns = np.nonzero(template.trust == 1)
         # Box around the patch and its edge in template pixels.
         self._patch = float(columns.min()), float(rows.min()), float(columns.max() + 1), float(rows.max() + 1)
-        first = look_at(sight, template.to_image, self._patch)
+        first = look_at(frame, template.to_image, self._patch)
         self._glances = [] if first is None else [first]
 
     @property
@@ -64,9 +69,9 @@ class Looks:
         size = max(self.template.shape) * local_scale(to_image, self.centre)
         return max(SETTINGS.reach_share * size, SETTINGS.reach_px)
 
-    def aligned(self, sight: Sight, place: Matrix, light: tuple[float, float], possible: Possible) -> Found | None:
+    def aligned(self, frame: GreyFrame, place: Matrix, light: GainOffset, possible: Possible) -> Found | None:
         """Fit near a place by the first look, or if that is not good by the last one."""
-        view = view_around(sight, self.template.shape, place, self.reach(place))
+        view = view_around(frame, self.template.shape, place, self.reach(place))
         if view is None:
             return None
         first = self._aligner.align(view, place, light)
@@ -80,26 +85,35 @@ class Looks:
                 return Found(fit, self._recent, like_first)
         return None if first is None else Found(first, self._aligner, like_first)
 
-    def everywhere(self, sight: Sight, to_image: Matrix, light: tuple[float, float], possible: Possible) -> list[Found]:
+    def by_filter(self, frame: GreyFrame, response: Response, light: GainOffset) -> Found | None:
+        """Fit where the filter responded, which need not look as it did."""
+        view = view_around(frame, self.template.shape, response.to_image, self.reach(response.to_image))
+        fit = None if view is None else self._aligner.align(view, response.to_image, light, improve=False)
+        if fit is None:
+            return None
+        quality = min(response.recent, 1.0)
+        return Found(replace(fit, quality=quality, covered=0.0, light=light), self._aligner, fit.quality, response)
+
+    def everywhere(self, frame: GreyFrame, to_image: Matrix, light: GainOffset, possible: Possible) -> list[Found]:
         """Fits in the whole frame, of about the size at a place."""
         scale = local_scale(to_image, self.centre)
         glances = [(look, scale / local_scale(look.to_image, self.centre)) for look in self._glances]
         found = (
-            self.aligned(sight, place, light, possible) for place in candidates(sight, glances, SETTINGS.search_aligned)
+            self.aligned(frame, place, light, possible) for place in candidates(frame, glances, SETTINGS.search_aligned)
         )
         return [one for one in found if one is not None]
 
-    def find_repeats(self, sight: Sight, possible: Possible) -> None:
+    def find_repeats(self, frame: GreyFrame, possible: Possible) -> None:
         """Find the nearest other place in the first frame that looks the same."""
         to_image = self.template.to_image
         left, top, right, bottom = box_of(to_image, self._patch[2] - self._patch[0], self._patch[3] - self._patch[1])
         apart_least, here = max(min(right - left, bottom - top) / 2, 4.0), self.middle(to_image)
         # Of a pattern many places look as much alike: the nearest one need not be among the best.
         places = candidates(
-            sight, [(look, 1.0) for look in self._glances], SETTINGS.repeats_aligned, SETTINGS.repeats_aligned
+            frame, [(look, 1.0) for look in self._glances], SETTINGS.repeats_aligned, SETTINGS.repeats_aligned
         )
         for place in sorted(places, key=lambda one: dist(here, self.middle(one))):
-            found = self.aligned(sight, place, (1.0, 0.0), possible)
+            found = self.aligned(frame, place, (1.0, 0.0), possible)
             apart = 0.0 if found is None else dist(here, self.middle(found.fit.to_image))
             if found is not None and found.fit.quality >= SETTINGS.search_quality and apart > apart_least:
                 self.repeat_px = apart
@@ -135,9 +149,16 @@ class Looks:
         """Learn nothing new until the first look is confirmed: the region was lost."""
         self._chain, self._anchored = 0, False
 
-    def learn(self, sight: Sight, found: Found) -> None:
+    def learn(self, frame: GreyFrame, found: Found) -> None:
         """Learn from what was found: what moves with the region, and how its look slowly changes."""
         fit = found.fit
+        if fit.quality < SETTINGS.good_quality or self._frames % SETTINGS.filter_every_frames == 0:
+            self.filter.learn(frame, fit.to_image)
+        self._frames += 1
+        if found.response is not None:
+            self._chain = 0
+            self.usual += (found.first - self.usual) / SETTINGS.usual_frames
+            return
         gain, offset = fit.light
         values = (fit.values - np.float32(offset)) / np.float32(gain)
         sudden = self._aligner.changed(self._values, values)
@@ -152,7 +173,7 @@ class Looks:
             self.usual += (fit.quality - self.usual) / SETTINGS.usual_frames
             self._aligner.learn(fit)
         if fit.quality >= SETTINGS.good_quality and self._chain > 0:
-            look = look_at(sight, fit.to_image, self._patch)
+            look = look_at(frame, fit.to_image, self._patch)
             if look is not None:
                 self._glances = [*self._glances[:1], look]
         if found.first < SETTINGS.newer_below_quality and self._chain >= SETTINGS.newer_frames:

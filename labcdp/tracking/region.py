@@ -9,26 +9,27 @@ from math import dist, hypot, isfinite
 from ..core.result import Finding
 from ..core.roi import Roi
 from .alignment import Fit
-from .followed import Followed, TrackedRoi
+from .appearance import Appearance, Found, shape_allows
+from .correlation import Response
+from .frame import GreyFrame, view_around
 from .geometry import Matrix, carried, local_scale, shift
-from .looks import Found, Looks, shape_allows
 from .scene import SceneNow
 from .settings import SETTINGS
-from .sight import Sight, view_around
 from .template import Template
+from .tracked_roi import RegionState, TrackedRoi
 
 _SAME = "tracking-places-alike"
 _LEFT = ("tracking-region-gone", "tracking-region-at-border")
 
 
-class Follower(Followed):
+class MovingRegion(RegionState):
     """Finds one region in frame after frame.
 
     In each frame the expected places (at rest with the scene, and by its motion so far) are aligned with the first
     look; if too little of it is found again, with the last confirmed look, and then the whole frame is searched.
     """
 
-    def __init__(self, sight: Sight, template: Template, scene: SceneNow, *, planar: bool) -> None:
+    def __init__(self, frame: GreyFrame, template: Template, scene: SceneNow, *, planar: bool) -> None:
         super().__init__(template)
         self._velocity, self._light, self._quality = (0.0, 0.0), (1.0, 0.0), 1.0
         self._found: Found | None = None
@@ -38,8 +39,8 @@ class Follower(Followed):
         self._before_roi = template.roi
         self._rest = self._to_image, scene
         self._expected_light = self._light
-        self._looks = Looks(sight, template, planar=planar)
-        self._looks.find_repeats(sight, self._possible)
+        self._appearance = Appearance(frame, template, planar=planar)
+        self._appearance.find_repeats(frame, self._possible)
 
     @property
     def seen(self) -> bool:
@@ -52,7 +53,7 @@ class Follower(Followed):
         if self._before is None:
             return None
         to_image, velocity = self._before
-        (x, y), (u, v) = self._looks.middle(self._to_image), self._looks.middle(to_image)
+        (x, y), (u, v) = self._appearance.middle(self._to_image), self._appearance.middle(to_image)
         return (x - u, y - v), velocity
 
     def take_back(self, code: str) -> None:
@@ -61,58 +62,60 @@ class Follower(Followed):
             self._to_image, self._velocity = self._before
             self._lose(self._finding(code), self.result.quality, self._before_roi)
 
-    def follow(self, sight: Sight, scene: SceneNow) -> None:
+    def follow(self, frame: GreyFrame, scene: SceneNow) -> None:
         """Look for it in the next frame."""
         self._before, self._found = None, None
         self._expected_light = self._light_in(scene)
         if scene.change == "blank":
             # What cannot be seen for a moment is not given up.
             self.result = TrackedRoi(self.result.roi, 0.0, True, (self._finding("tracking-frame-blank"),))
-            if isfinite(self._looks.repeat_px):
+            if isfinite(self._appearance.repeat_px):
                 self._lost_for += 1
             return
         if not self.seen:
             self._lost_for += 1
             self.result = replace(self.result, quality=0.0)
             return
-        found = self._best(sight, scene)
-        if found is None or found.fit.quality < SETTINGS.lost_quality:
+        found = self._best(frame, scene)
+        if found is None or (found.response is None and found.fit.quality < SETTINGS.lost_quality):
             quality = 0.0 if found is None else found.fit.quality
-            gone = view_around(sight, self._template.shape, next(self._expected(scene)), 0) is None
+            gone = view_around(frame, self._template.shape, next(self._expected(scene)), 0) is None
             code = "tracking-scene-changed" if scene.change == "cut" else "tracking-not-found"
             reason = self._finding("tracking-region-gone") if gone else self._finding(code, found_share=float(quality))
             self._lose(reason, quality)
             return
-        if all(self._looks.off(found.fit, place) > SETTINGS.alike_share for place in self._expected(scene)):
+        if all(self._appearance.off(found.fit, place) > SETTINGS.alike_share for place in self._expected(scene)):
             self._lose(self._finding(_SAME), found.fit.quality)
             return
-        lost = found.aligner.vanished(found.fit)
+        lost = found.aligner.vanished(found.fit) if found.response is None else 0.0
         if lost > SETTINGS.outline_lost_share:
             self._lose(self._finding("tracking-outline-lost", lost_share=float(lost)), found.fit.quality)
             return
         before, self._before_roi = (self._to_image, self._velocity), self.result.roi
-        self._accept(sight, scene, found)
+        self._accept(frame, scene, found)
         self._before = before
 
-    def look_again(self, sight: Sight, scene: SceneNow, predicted: list[Matrix]) -> None:
+    def look_again(self, frame: GreyFrame, scene: SceneNow, predicted: list[Matrix]) -> None:
         """Look for it after it was lost: where it was, where its motion `predicted` by others puts it, everywhere."""
         companions = [motion @ self._template.to_image for motion in predicted]
         expected = [*companions, *self._expected(scene)]
         if self._held is not None:
             expected.insert(0, self._held)
-        tried = [(place, found) for place in expected if (found := self._aligned(sight, place)) and self._again(found)]
+        tried = [(place, found) for place in expected if (found := self._aligned(frame, place)) and self._again(found)]
         for place, found in tried:
-            near = dist(self._looks.middle(found.fit.to_image), self._looks.middle(place)) < self._looks.reach(place)
+            near = dist(
+                self._appearance.middle(found.fit.to_image), self._appearance.middle(place)
+            ) < self._appearance.reach(place)
             certain = (
                 any(place is one for one in companions)
                 or place is self._held
                 or found.fit.quality >= SETTINGS.good_quality
             )
             if near and certain and self._sure(found, place, known=any(place is one for one in companions)):
-                self._again_from(sight, scene, found)
+                self._again_from(frame, scene, found)
                 return
-        everywhere = [found for found in self._everywhere(sight) if self._again(found)]
-        best = self._looks.clear(everywhere)
+        everywhere = [found for found in self._everywhere(frame) if self._again(found)]
+        best = self._appearance.clear(everywhere)
         if best is None and not tried:
             self._held = None
             return
@@ -123,28 +126,28 @@ class Follower(Followed):
         elif (found.fit.quality >= SETTINGS.good_quality and self._lit(found.fit)) or (
             self._held_at(found.fit) and self._within(found)
         ):
-            self._again_from(sight, scene, found)
+            self._again_from(frame, scene, found)
         else:
             self._held = found.fit.to_image
 
-    def _again_from(self, sight: Sight, scene: SceneNow, found: Found) -> None:
+    def _again_from(self, frame: GreyFrame, scene: SceneNow, found: Found) -> None:
         self._held = None
         self._velocity = (0.0, 0.0)
         self._to_image = found.fit.to_image
-        self._looks.begin_again()
-        self._accept(sight, scene, found)
+        self._appearance.begin_again()
+        self._accept(frame, scene, found)
 
     def _held_at(self, fit: Fit) -> bool:
         """Whether it was seen near this place in the frame before."""
         return self._held is not None and dist(
-            self._looks.middle(self._held), self._looks.middle(fit.to_image)
-        ) < self._looks.reach(self._held)
+            self._appearance.middle(self._held), self._appearance.middle(fit.to_image)
+        ) < self._appearance.reach(self._held)
 
     def _within(self, found: Found) -> bool:
         """Whether it can have got there meanwhile by its usual motion."""
-        moved = dist(self._looks.middle(found.fit.to_image), self._looks.middle(self._to_image))
+        moved = dist(self._appearance.middle(found.fit.to_image), self._appearance.middle(self._to_image))
         frames = min(self._lost_for, SETTINGS.back_frames) if self._left else self._lost_for
-        return moved < self._looks.reach(self._to_image) + frames * (hypot(*self._velocity) + 1)
+        return moved < self._appearance.reach(self._to_image) + frames * (hypot(*self._velocity) + 1)
 
     def _say_alike(self) -> None:
         if all(one.code != _SAME for one in self.result.reasons):
@@ -154,17 +157,17 @@ class Follower(Followed):
         """Whether a place found after a loss can be no other one that looks the same."""
         if self._left and not known and not self._within(found):
             return False
-        off = self._looks.off(found.fit, expected)
+        off = self._appearance.off(found.fit, expected)
         if known or off == 0:
             return off < SETTINGS.alike_share
         speed = hypot(*self._velocity) + 1
-        scale = local_scale(expected, self._looks.centre) * self._template.reduction
+        scale = local_scale(expected, self._appearance.centre) * self._template.reduction
         # Of a pattern that fills the frame the scene seems to move by a part of its distances, too.
-        if self._looks.off(found.fit, self._to_image) > SETTINGS.alike_share:
+        if self._appearance.off(found.fit, self._to_image) > SETTINGS.alike_share:
             return False
         return (
             off < SETTINGS.alike_again_share
-            and self._lost_for * speed < SETTINGS.alike_moved_share * scale * self._looks.repeat_px
+            and self._lost_for * speed < SETTINGS.alike_moved_share * scale * self._appearance.repeat_px
         )
 
     def _light_in(self, scene: SceneNow) -> tuple[float, float]:
@@ -180,8 +183,11 @@ class Follower(Followed):
         """Whether a fit is good enough to take the region for found after a loss."""
         # What changes its looks is more easily taken for another thing.
         need = (
-            min(max(self._looks.usual - SETTINGS.below_usual_quality, SETTINGS.search_quality), SETTINGS.good_quality)
-            if self._looks.usual > SETTINGS.changing_quality
+            min(
+                max(self._appearance.usual - SETTINGS.below_usual_quality, SETTINGS.search_quality),
+                SETTINGS.good_quality,
+            )
+            if self._appearance.usual > SETTINGS.changing_quality
             else SETTINGS.changing_again_quality
         )
         return found.fit.quality >= need and found.aligner.vanished(found.fit) <= SETTINGS.outline_lost_share
@@ -192,47 +198,77 @@ class Follower(Followed):
         yield moving
         rest, then = self._rest
         at_rest = None if (motion := scene.moved_since(then)) is None else motion @ rest
-        if at_rest is not None and dist(self._looks.middle(at_rest), self._looks.middle(moving)) > 1:
+        if at_rest is not None and dist(self._appearance.middle(at_rest), self._appearance.middle(moving)) > 1:
             yield at_rest
 
-    def _best(self, sight: Sight, scene: SceneNow) -> Found | None:
-        """Best alignment from the expected places, and if necessary from a search."""
+    def _best(self, frame: GreyFrame, scene: SceneNow) -> Found | None:
+        """Best alignment from the expected positions, or what the filter finds there, or a search finds anywhere."""
         best: Found | None = None
         moving = next(self._expected(scene))
         for place in self._expected(scene):
-            best = self._looks.better(moving, best, self._aligned(sight, place))
-            if best is not None and best.fit.quality - self._looks.off(best.fit, moving) >= SETTINGS.good_quality:
+            best = self._appearance.better(moving, best, self._aligned(frame, place))
+            if best is not None and best.fit.quality - self._appearance.off(best.fit, moving) >= SETTINGS.good_quality:
                 return best
-        cut = scene.change == "cut"
-        steady = best is not None and best.fit.quality >= max(
-            self._quality - SETTINGS.steady_quality, SETTINGS.lost_quality
-        )
-        if steady and not cut:
+        if scene.change == "cut":
+            return self._elsewhere(frame, None)
+        response = self._appearance.filter.locate(frame, moving)
+        if response is not None and self._seen_by_filter(response):
+            return self._refined(frame, best, response)
+        if best is not None and not self._agrees(frame, best):
+            best = None
+        least = max(self._quality - SETTINGS.steady_quality, SETTINGS.lost_quality)
+        if best is not None and best.fit.quality >= least:
             return best
-        others = [found for found in self._everywhere(sight) if self._again(found)]
-        near = best if best is not None and not cut else None
-        clear = self._looks.clear([*others, near] if near is not None else others)
+        return self._elsewhere(frame, best)
+
+    def _seen_by_filter(self, response: Response) -> bool:
+        return response.first >= SETTINGS.filter_first and response.recent >= SETTINGS.filter_recent
+
+    def _refined(self, frame: GreyFrame, best: Found | None, response: Response) -> Found | None:
+        """Alignment where the filter sees the region, if it fits, or else the filter's position."""
+        fits = [one for one in (best, self._aligned(frame, response.to_image)) if one is not None]
+        near = [one for one in fits if self._apart(one.fit.to_image, response.to_image) < SETTINGS.filter_near]
+        aligned = max(near, key=lambda one: one.fit.quality, default=None)
+        if aligned is not None and aligned.fit.quality >= SETTINGS.filter_fit_quality:
+            return aligned
+        found = self._appearance.by_filter(frame, response, self._expected_light)
+        if found is not None and not self._possible(found.fit):
+            found = None
+        return found or aligned
+
+    def _apart(self, a: Matrix, b: Matrix) -> float:
+        """Distance of two positions in parts of the region's size."""
+        size = self._first.area**0.5 * local_scale(a, self._appearance.centre) * self._template.reduction
+        return dist(self._appearance.middle(a), self._appearance.middle(b)) / size
+
+    def _agrees(self, frame: GreyFrame, found: Found) -> bool:
+        """Whether the filter sees the region where a poor fit puts it."""
+        response = self._appearance.filter.respond(frame, found.fit.to_image)
+        return response is not None and response.first >= SETTINGS.filter_agrees
+
+    def _elsewhere(self, frame: GreyFrame, near: Found | None) -> Found | None:
+        """What a search of the whole frame finds, against what is near; None if that is not clear."""
+        others = [found for found in self._everywhere(frame) if self._again(found)]
+        clear = self._appearance.clear([*others, near] if near is not None else others)
         if clear is not None and clear.fit.quality >= SETTINGS.search_quality:
             return clear if clear is near or self._lit(clear.fit) else near
-        if others or cut:
-            return None
-        return near
+        return None if others else near
 
-    def _aligned(self, sight: Sight, place: Matrix) -> Found | None:
-        return self._looks.aligned(sight, place, self._expected_light, self._possible)
+    def _aligned(self, frame: GreyFrame, place: Matrix) -> Found | None:
+        return self._appearance.aligned(frame, place, self._expected_light, self._possible)
 
-    def _everywhere(self, sight: Sight) -> list[Found]:
-        return self._looks.everywhere(sight, self._to_image, self._expected_light, self._possible)
+    def _everywhere(self, frame: GreyFrame) -> list[Found]:
+        return self._appearance.everywhere(frame, self._to_image, self._expected_light, self._possible)
 
     def _possible(self, fit: Fit) -> bool:
         """Whether the target can have got there: not suddenly of another size, and in the image."""
         return shape_allows(self._template, self._to_image, fit, 1 + min(self._lost_for, 3))
 
-    def _accept(self, sight: Sight, scene: SceneNow, found: Found) -> None:
+    def _accept(self, frame: GreyFrame, scene: SceneNow, found: Found) -> None:
         fit = found.fit
-        (x, y), (u, v) = self._looks.middle(self._to_image), self._velocity
+        (x, y), (u, v) = self._appearance.middle(self._to_image), self._velocity
         self._to_image = fit.to_image
-        here = self._looks.middle(self._to_image)
+        here = self._appearance.middle(self._to_image)
         self._velocity = (
             SETTINGS.velocity_rate * (here[0] - x) + (1 - SETTINGS.velocity_rate) * u,
             SETTINGS.velocity_rate * (here[1] - y) + (1 - SETTINGS.velocity_rate) * v,
@@ -242,7 +278,7 @@ class Follower(Followed):
         self._rest = self._to_image, scene
         self._found = found
         roi = carried(self._first, self.motion)
-        height, width = sight.shape
+        height, width = frame.shape
         x0, y0, x1, y1 = roi.bounds
         if x0 < 0 or y0 < 0 or x1 > width or y1 > height:
             border = self._finding("tracking-region-at-border")
@@ -259,28 +295,28 @@ class Follower(Followed):
 
     def off(self, motion: Matrix) -> float:
         """Pixels from where a `motion` since the first frame carries its middle to where it is."""
-        return dist(self._looks.middle(motion @ self._template.to_image), self._looks.middle(self._to_image))
+        return dist(self._appearance.middle(motion @ self._template.to_image), self._appearance.middle(self._to_image))
 
-    def put_back(self, sight: Sight, scene: SceneNow, motion: Matrix) -> bool:
+    def put_back(self, frame: GreyFrame, scene: SceneNow, motion: Matrix) -> bool:
         """Put it where a `motion` since the first frame carries it, if it fits there about as well; whether it does."""
         if self._before is None or self._found is None:
             return False
         place = motion @ self._template.to_image
-        view = view_around(sight, self._template.shape, place, self._looks.reach(place))
+        view = view_around(frame, self._template.shape, place, self._appearance.reach(place))
         fit = None if view is None else self._found.aligner.align(view, place, self._expected_light, improve=False)
         if fit is None or fit.quality < self._found.fit.quality - SETTINGS.as_good_quality or not self._possible(fit):
             return False
         before = self._before
         self._to_image, self._velocity = before
-        self._accept(sight, scene, Found(fit, self._found.aligner, fit.quality))
+        self._accept(frame, scene, Found(fit, self._found.aligner, fit.quality))
         self._before = before
         return True
 
-    def learn(self, sight: Sight) -> None:
+    def learn(self, frame: GreyFrame) -> None:
         """Learn from what was found in this frame."""
         found, self._found = self._found, None
         if found is not None and self.seen:
-            self._looks.learn(sight, found)
+            self._appearance.learn(frame, found)
 
     def _lose(self, reason: Finding, quality: float, roi: Roi | None = None) -> None:
         self._lost_for += 1

@@ -18,13 +18,13 @@ Levels = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class GreyFrame:
     """A frame.
 
     Parameters
     ----------
-    frame : ndarray of uint8 or uint16, shape (height, width)
-        Its DN.
+    dn : ndarray of uint8 or uint16, shape (height, width)
+        Its values.
     black, scale : float
         Level that is subtracted from them, and factor on the rest.
     step_dn : float
@@ -33,7 +33,7 @@ class Sight:
         Contrast in the result below which a codec may not show where a thing is.
     """
 
-    frame: NDArray[Any]
+    dn: NDArray[Any]
     black: float
     scale: float
     step_dn: float
@@ -42,11 +42,11 @@ class Sight:
     @property
     def shape(self) -> tuple[int, int]:
         """Height and width."""
-        return self.frame.shape[0], self.frame.shape[1]
+        return self.dn.shape[0], self.dn.shape[1]
 
     def part(self, left: int, top: int, right: int, bottom: int) -> NDArray[np.float32]:
         """Pixels of a window."""
-        return self._scaled(self.frame[top:bottom, left:right].astype(np.float32))
+        return self._scaled(self.dn[top:bottom, left:right].astype(np.float32))
 
     def reduced(self, left: int, top: int, right: int, bottom: int, size: tuple[int, int]) -> NDArray[np.float32]:
         """Window in another size (width, height): averaged if smaller, else interpolated."""
@@ -54,7 +54,7 @@ class Sight:
 
         smaller = size[0] <= right - left and size[1] <= bottom - top
         how = cv2.INTER_AREA if smaller else cv2.INTER_LINEAR
-        window = self.frame[top:bottom, left:right].astype(np.float32)
+        window = self.dn[top:bottom, left:right].astype(np.float32)
         return self._scaled(np.asarray(cv2.resize(window, size, interpolation=how), dtype=np.float32))
 
     @cached_property
@@ -64,7 +64,7 @@ class Sight:
 
         height, width = self.shape
         every = max(1, -(-max(height, width) // SETTINGS.small_frame_px))
-        frame = self.frame[: height // every * every, : width // every * every]
+        frame = self.dn[: height // every * every, : width // every * every]
         # OpenCV is many times as fast at halves.
         while every > 1:
             step = 2 if every % 2 == 0 else every
@@ -182,7 +182,7 @@ class View:
         return -across * x, -down * y, across * (width - x), down * (height - y)
 
 
-def view_around(sight: Sight, shape: tuple[int, int], to_image: Matrix, reach_px: float) -> View | None:
+def view_around(frame: GreyFrame, shape: tuple[int, int], to_image: Matrix, reach_px: float) -> View | None:
     """View of where a template should be by `to_image`, with `reach_px` pixels of the frame around; None if outside.
 
     The view has the size the template would have: a target that comes nearer is reduced more.
@@ -193,9 +193,9 @@ def view_around(sight: Sight, shape: tuple[int, int], to_image: Matrix, reach_px
     if not isfinite(box[0]) or not isfinite(scale):
         return None
     left, top = max(floor(box[0] - reach_px), 0), max(floor(box[1] - reach_px), 0)
-    right, bottom = min(ceil(box[2] + reach_px), sight.shape[1]), min(ceil(box[3] + reach_px), sight.shape[0])
+    right, bottom = min(ceil(box[2] + reach_px), frame.shape[1]), min(ceil(box[3] + reach_px), frame.shape[0])
     if right - left < 3 or bottom - top < 3:
         return None
     rows, columns = max(round((bottom - top) / scale), 3), max(round((right - left) / scale), 3)
-    values = smooth(sight.reduced(left, top, right, bottom, (columns, rows)))
-    return View(values, (columns / (right - left), rows / (bottom - top)), (left, top), sight.shape)
+    values = smooth(frame.reduced(left, top, right, bottom, (columns, rows)))
+    return View(values, (columns / (right - left), rows / (bottom - top)), (left, top), frame.shape)

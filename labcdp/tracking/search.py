@@ -8,9 +8,9 @@ from math import ceil, dist, floor
 import numpy as np
 from numpy.typing import NDArray
 
+from .frame import GreyFrame
 from .geometry import Matrix, box_of, moved, shift
 from .settings import SETTINGS
-from .sight import Sight
 
 #: Sizes of the first look that are searched besides the last one's.
 _SIZES = (0.87, 1.15)
@@ -35,25 +35,25 @@ class Look:
     to_image: Matrix
 
 
-def look_at(sight: Sight, to_image: Matrix, patch: tuple[float, float, float, float]) -> Look | None:
-    """Look of a region whose patch lies at `patch` (left, top, right, bottom) of the template; None if not in sight."""
+def look_at(frame: GreyFrame, to_image: Matrix, patch: tuple[float, float, float, float]) -> Look | None:
+    """Look of a region whose patch lies at `patch` (left, top, right, bottom) of the template; None if not in frame."""
     left, top, right, bottom = box_of(to_image @ shift(patch[0], patch[1]), patch[2] - patch[0], patch[3] - patch[1])
-    height, width = sight.shape
+    height, width = frame.shape
     if not (left > -0.5 and top > -0.5 and right < width + 0.5 and bottom < height + 0.5):
         return None
     x, y = max(floor(left), 0), max(floor(top), 0)
-    return Look(sight.part(x, y, min(ceil(right), width), min(ceil(bottom), height)), (x, y), to_image)
+    return Look(frame.part(x, y, min(ceil(right), width), min(ceil(bottom), height)), (x, y), to_image)
 
 
 def candidates(
-    sight: Sight, looks: list[tuple[Look, float]], most: int, peaks: int = SETTINGS.search_peaks
+    frame: GreyFrame, looks: list[tuple[Look, float]], most: int, peaks: int = SETTINGS.search_peaks
 ) -> list[Matrix]:
     """Up to `most` places where a region may be, template to frame pixels, best first.
 
     Parameters
     ----------
     looks : list of (Look, float)
-        Looks, and the size that each is expected in, relative to its own.
+        Appearance, and the size that each is expected in, relative to its own.
     peaks : int
         Places of each look and size.
 
@@ -64,14 +64,14 @@ def candidates(
     import cv2
 
     found: list[tuple[float, float, Matrix]] = []
-    height, width = sight.shape
+    height, width = frame.shape
     pictures: dict[tuple[int, int], NDArray[np.float32]] = {}
     for look, expected in looks:
         longest = expected * max(look.pixels.shape)
         reduction = min(SETTINGS.search_side_px / longest, SETTINGS.search_frame_px / max(height, width), 1.0)
         shape = max(round(reduction * width), 1), max(round(reduction * height), 1)
         if shape not in pictures:
-            pictures[shape] = sight.reduced(0, 0, width, height, shape)
+            pictures[shape] = frame.reduced(0, 0, width, height, shape)
         picture = pictures[shape]
         for size in (1.0, *_SIZES):
             scale = expected * size

@@ -59,7 +59,7 @@ class NotFollowedError(InputError):
         self.region = region
 
 
-class Followed:
+class RegionState:
     """A region and its template, with what is found of it in each frame.
 
     Parameters

@@ -1,0 +1,173 @@
+"""A correlation filter that tells an object from its surroundings by the directions of its edges."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .frame import GreyFrame, View, view_around
+from .geometry import Matrix, scaling, shift
+from .settings import SETTINGS
+from .template import Template
+
+#: Samples along each side of the filter's window, cells of features along it, and directions of edges.
+_SAMPLES, _CELLS, _DIRECTIONS = 64, 32, 8
+#: Samples around one in which contrast is made the same: of edges, and of brightness.
+_EDGES_LOCAL, _LIGHT_LOCAL = (17, 17), (33, 33)
+#: Weight of the brightness against the edges.
+_LIGHT_WEIGHT = 0.15
+_Spectrum = NDArray[np.complex128]
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """How a filter answers at a position.
+
+    Parameters
+    ----------
+    to_image : ndarray of float, shape (3, 3)
+        Template pixels to pixels of the frame.
+    first : float
+        Answer of the filter learned in the first frame: about 1 there, 0 for anything else.
+    recent : float
+        Answer of the one that has learned since.
+    """
+
+    to_image: Matrix
+    first: float
+    recent: float
+
+
+class CorrelationFilter:
+    """Finds a region that changes its looks, and says how surely it is the one of the first frame.
+
+    Parameters
+    ----------
+    frame : GreyFrame
+        The first frame.
+    template : Template
+        The region.
+
+    Notes
+    -----
+    The filter whose answer to the window around the region is a narrow peak at its middle, by least squares: D. S. Bolme
+    et al., Visual object tracking using adaptive correlation filters, CVPR 2010, for several features after M. Danelljan
+    et al., Accurate scale estimation for robust visual tracking, BMVC 2014. Features are histograms of directions of edges
+    of equal local contrast (N. Dalal and B. Triggs, CVPR 2005), which light changes little.
+    """
+
+    def __init__(self, frame: GreyFrame, template: Template) -> None:
+        low, high = template.corners.min(axis=0), template.corners.max(axis=0)
+        self._middle = (low + high) / 2
+        sides = np.maximum(SETTINGS.filter_window * (high - low), high - low + SETTINGS.filter_margin_template_px)
+        self._step = sides / _SAMPLES
+        self._to_template = shift(*(self._middle - sides / 2)) @ scaling(*self._step)
+        self._template, self._reach_px = template, float(sides.max()) / 2 / template.reduction
+        view = self._view(frame, template.to_image)
+        assert view is not None
+        self._first = self._recent = _filter_for(self._features(view, template.to_image))
+
+    def locate(self, frame: GreyFrame, to_image: Matrix) -> Response | None:
+        """Find the region near a position, of about the size there; None if that is outside the image."""
+        view = self._view(frame, to_image)
+        if view is None:
+            return None
+        place, _ = self._moved(view, to_image)
+        sizes = [
+            self._moved(view, place @ shift(*self._middle) @ scaling(size) @ shift(*-self._middle))
+            for size in (1.0, 1 / SETTINGS.filter_size_step, SETTINGS.filter_size_step)
+        ]
+        place, _ = max(sizes, key=lambda size: size[1] * (1.0 if size is sizes[0] else SETTINGS.filter_size_worth))
+        return self._respond(view, place)
+
+    def respond(self, frame: GreyFrame, to_image: Matrix) -> Response | None:
+        """Judge a position; None if it is outside the image."""
+        view = self._view(frame, to_image)
+        return None if view is None else self._respond(view, to_image)
+
+    def learn(self, frame: GreyFrame, to_image: Matrix) -> None:
+        """Learn how the region looks where it was confirmed."""
+        view = self._view(frame, to_image)
+        if view is not None:
+            new = _filter_for(self._features(view, to_image))
+            rate = SETTINGS.filter_rate
+            self._recent = tuple(old + rate * (now - old) for old, now in zip(self._recent, new, strict=True))
+
+    def _view(self, frame: GreyFrame, to_image: Matrix) -> View | None:
+        return view_around(frame, self._template.shape, to_image, self._reach_px)
+
+    def _features(self, view: View, to_image: Matrix) -> _Spectrum:
+        values = view.under(to_image @ self._to_template, (_SAMPLES, _SAMPLES))
+        return _features(values.reshape(_SAMPLES, _SAMPLES))
+
+    def _moved(self, view: View, to_image: Matrix) -> tuple[Matrix, float]:
+        """Position of the highest answer of the recent filter around one, and this answer."""
+        answer = _answer(self._recent, self._features(view, to_image))
+        x, y, highest = _peak(answer)
+        cell = _SAMPLES / _CELLS
+        return to_image @ shift(x * cell * self._step[0], y * cell * self._step[1]), highest
+
+    def _respond(self, view: View, to_image: Matrix) -> Response:
+        features = self._features(view, to_image)
+        near = np.ix_((-1, 0, 1), (-1, 0, 1))
+        first, recent = (float(_answer(one, features)[near].max()) for one in (self._first, self._recent))
+        return Response(to_image, first, recent)
+
+
+@cache
+def _taper() -> NDArray[np.float32]:
+    return np.asarray(np.outer(np.hanning(_CELLS), np.hanning(_CELLS)), np.float32)
+
+
+@cache
+def _wanted() -> _Spectrum:
+    """Spectrum of the answer that is wanted: a peak of a tenth of the region."""
+    y, x = (np.mgrid[:_CELLS, :_CELLS] + _CELLS // 2) % _CELLS - _CELLS // 2
+    width = _CELLS / SETTINGS.filter_window / 10
+    return np.fft.rfft2(np.exp(-0.5 * (x * x + y * y) / width**2))
+
+
+def _features(image: NDArray[np.float32]) -> _Spectrum:
+    """Spectra of the directions of edges and of the brightness, each with its local contrast made the same."""
+    import cv2
+
+    dx, dy = (cv2.Sobel(image, cv2.CV_32F, *order, None, 1) for order in ((1, 0), (0, 1)))
+    height = cv2.magnitude(dx, dy)
+    weight = 1 / (np.maximum(height, np.float32(1e-3)) * (height + cv2.blur(height, _EDGES_LOCAL) + np.float32(2)))
+    parts = []
+    for angle in np.arange(_DIRECTIONS, dtype=np.float32) * np.float32(2 * np.pi / _DIRECTIONS):
+        along = np.maximum(dx * np.cos(angle) + dy * np.sin(angle), 0)
+        parts.append(cv2.resize(along * along * weight, (_CELLS, _CELLS), interpolation=cv2.INTER_AREA))
+    deviation = image - cv2.blur(image, _LIGHT_LOCAL)
+    deviation *= np.float32(_LIGHT_WEIGHT) / (cv2.blur(np.abs(deviation), _LIGHT_LOCAL) + np.float32(4))
+    parts.append(cv2.resize(deviation, (_CELLS, _CELLS), interpolation=cv2.INTER_AREA))
+    cells = np.stack(parts)
+    return np.fft.rfft2((cells - cells.mean(axis=(1, 2), keepdims=True)) * _taper())
+
+
+def _filter_for(features: _Spectrum) -> tuple[_Spectrum, NDArray[np.float64]]:
+    return np.conj(_wanted()) * features, np.square(np.abs(features)).sum(axis=0)
+
+
+def _answer(learned: tuple[_Spectrum, NDArray[np.float64]], features: _Spectrum) -> NDArray[np.float64]:
+    numerator, power = learned
+    spectrum = (np.conj(numerator) * features).sum(axis=0) / (power + SETTINGS.filter_regular * power.mean() + 1e-6)
+    return np.fft.irfft2(spectrum, s=(_CELLS, _CELLS))
+
+
+def _peak(answer: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Position of the highest answer in cells from the middle, by a parabola along each axis, and the answer."""
+    row, column = divmod(int(answer.argmax()), _CELLS)
+    highest = float(answer[row, column])
+
+    def refined(at: int, before: float, after: float) -> float:
+        curvature = before - 2 * highest + after
+        at += 0.0 if curvature == 0 else 0.5 * (before - after) / curvature
+        return (at + _CELLS / 2) % _CELLS - _CELLS / 2
+
+    x = refined(column, answer[row, column - 1], answer[row, (column + 1) % _CELLS])
+    y = refined(row, answer[row - 1, column], answer[(row + 1) % _CELLS, column])
+    return x, y, highest

@@ -85,22 +85,30 @@ class Appearance:
                 return Found(fit, self._recent, like_first)
         return None if first is None else Found(first, self._aligner, like_first)
 
-    def by_filter(self, frame: GreyFrame, response: Response, light: GainOffset) -> Found | None:
-        """Fit where the filter responded, which need not look as it did."""
+    @property
+    def changes(self) -> bool:
+        """Whether the object changes its looks, as a face or a walking person does."""
+        return self.usual < SETTINGS.changing_quality
+
+    def by_filter(self, frame: GreyFrame, response: Response, light: GainOffset, aligned: float) -> Found | None:
+        """Fit where the filter responded, which need not look as it did; `aligned` is the quality of the best fit."""
         view = view_around(frame, self.template.shape, response.to_image, self.reach(response.to_image))
         fit = None if view is None else self._aligner.align(view, response.to_image, light, improve=False)
         if fit is None:
             return None
-        quality = min(response.recent, 1.0)
-        return Found(replace(fit, quality=quality, covered=0.0, light=light), self._aligner, fit.quality, response)
+        covered = 0.0 if self.changes else fit.covered
+        fit = replace(fit, quality=min(response.recent, 1.0), covered=covered, light=light)
+        return Found(fit, self._aligner, aligned, response)
+
+    def candidates(self, frame: GreyFrame, to_image: Matrix) -> list[Matrix]:
+        """Positions in the whole frame, of about the size at one, that look like the region at a glance."""
+        scale = local_scale(to_image, self.centre)
+        looks = [(look, scale / local_scale(look.to_image, self.centre)) for look in self._glances]
+        return candidates(frame, looks, SETTINGS.search_aligned)
 
     def everywhere(self, frame: GreyFrame, to_image: Matrix, light: GainOffset, possible: Possible) -> list[Found]:
-        """Fits in the whole frame, of about the size at a place."""
-        scale = local_scale(to_image, self.centre)
-        glances = [(look, scale / local_scale(look.to_image, self.centre)) for look in self._glances]
-        found = (
-            self.aligned(frame, place, light, possible) for place in candidates(frame, glances, SETTINGS.search_aligned)
-        )
+        """Fits in the whole frame, of about the size at a position."""
+        found = (self.aligned(frame, place, light, possible) for place in self.candidates(frame, to_image))
         return [one for one in found if one is not None]
 
     def find_repeats(self, frame: GreyFrame, possible: Possible) -> None:

@@ -88,7 +88,7 @@ class MovingRegion(RegionState):
             self._lose(self._finding(_SAME), found.fit.quality)
             return
         lost = found.aligner.vanished(found.fit) if found.response is None else 0.0
-        if lost > SETTINGS.outline_lost_share:
+        if lost > SETTINGS.outline_lost_share and not self._agrees(frame, found, SETTINGS.filter_again):
             self._lose(self._finding("tracking-outline-lost", lost_share=float(lost)), found.fit.quality)
             return
         before, self._before_roi = (self._to_image, self._velocity), self.result.roi
@@ -117,7 +117,7 @@ class MovingRegion(RegionState):
         everywhere = [found for found in self._everywhere(frame) if self._again(found)]
         best = self._appearance.clear(everywhere)
         if best is None and not tried:
-            self._held = None
+            self._again_by_filter(frame, scene, expected)
             return
         found = best or max((found for _, found in tried), key=lambda one: one.fit.quality)
         if not self._sure(found, expected[-1], known=False):
@@ -129,6 +129,26 @@ class MovingRegion(RegionState):
             self._again_from(frame, scene, found)
         else:
             self._held = found.fit.to_image
+
+    def _again_by_filter(self, frame: GreyFrame, scene: SceneNow, expected: list[Matrix]) -> None:
+        """Take the region for found where the first filter sees it twice in a row, and nowhere else."""
+        held, self._held = self._held, None
+        if isfinite(self._appearance.repeat_px):
+            return
+        places = [*expected, *self._appearance.candidates(frame, self._to_image)]
+        responses = [one for place in places if (one := self._appearance.filter.locate(frame, place)) is not None]
+        best = max(responses, key=lambda one: one.first, default=None)
+        if best is None or best.first < SETTINGS.filter_again:
+            return
+        apart = [one.first for one in responses if self._apart(one.to_image, best.to_image) > 1]
+        if best.first < max(apart, default=0.0) + SETTINGS.lead_quality:
+            return
+        if held is None or self._apart(held, best.to_image) > 1:
+            self._held = best.to_image
+            return
+        found = self._appearance.by_filter(frame, best, self._expected_light, 0.0)
+        if found is not None:
+            self._again_from(frame, scene, found)
 
     def _again_from(self, frame: GreyFrame, scene: SceneNow, found: Found) -> None:
         self._held = None
@@ -214,7 +234,7 @@ class MovingRegion(RegionState):
         response = self._appearance.filter.locate(frame, moving)
         if response is not None and self._seen_by_filter(response):
             return self._refined(frame, best, response)
-        if best is not None and not self._agrees(frame, best):
+        if best is not None and not self._agrees(frame, best, SETTINGS.filter_agrees):
             best = None
         least = max(self._quality - SETTINGS.steady_quality, SETTINGS.lost_quality)
         if best is not None and best.fit.quality >= least:
@@ -231,7 +251,11 @@ class MovingRegion(RegionState):
         aligned = max(near, key=lambda one: one.fit.quality, default=None)
         if aligned is not None and aligned.fit.quality >= SETTINGS.filter_fit_quality:
             return aligned
-        found = self._appearance.by_filter(frame, response, self._expected_light)
+        # What does not change its looks is rather somewhere else.
+        if not self._appearance.changes and (clear := self._elsewhere(frame, None)) is not None:
+            return clear
+        quality = 0.0 if aligned is None else aligned.fit.quality
+        found = self._appearance.by_filter(frame, response, self._expected_light, quality)
         if found is not None and not self._possible(found.fit):
             found = None
         return found or aligned
@@ -241,10 +265,10 @@ class MovingRegion(RegionState):
         size = self._first.area**0.5 * local_scale(a, self._appearance.centre) * self._template.reduction
         return dist(self._appearance.middle(a), self._appearance.middle(b)) / size
 
-    def _agrees(self, frame: GreyFrame, found: Found) -> bool:
-        """Whether the filter sees the region where a poor fit puts it."""
+    def _agrees(self, frame: GreyFrame, found: Found, least: float) -> bool:
+        """Whether the filter sees the region where a fit puts it."""
         response = self._appearance.filter.respond(frame, found.fit.to_image)
-        return response is not None and response.first >= SETTINGS.filter_agrees
+        return response is not None and response.first >= least
 
     def _elsewhere(self, frame: GreyFrame, near: Found | None) -> Found | None:
         """What a search of the whole frame finds, against what is near; None if that is not clear."""

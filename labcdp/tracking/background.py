@@ -35,7 +35,7 @@ class BackgroundRegion(RegionState):
 
     def __init__(self, template: Template, scene: SceneNow, mover: MovingRegion | None) -> None:
         super().__init__(template)
-        self._mover, self._moving = mover, 0
+        self._mover, self._moving, self._kept = mover, 0, True
         self._rest, self._then = template.to_image, scene
         self._contrast_least = template.light_to_show(scene.contrast / SETTINGS.background_contrast) * scene.contrast
         self._inside = template.inside
@@ -56,10 +56,11 @@ class BackgroundRegion(RegionState):
             return
         self._mover.follow(frame, scene)
         if self._moving < SETTINGS.background_moves_frames:
-            clear = (
-                self.result.lost and not self._mover.result.lost and self._mover.result.quality >= SETTINGS.good_quality
-            )
-            self._moving = self._moving + 1 if clear else 0
+            # A part of an object that moves is seen all the time; what is found elsewhere after a loss is another thing.
+            self._kept = self._mover.aligned and (self._kept or not self.result.lost)
+            clear = self._kept and self.result.lost and not self._mover.result.lost
+            good = self._mover.result.quality >= SETTINGS.good_quality
+            self._moving = self._moving + 1 if clear and good else 0
         if self._moving >= SETTINGS.background_moves_frames:
             self.result, self._to_image = self._mover.result, self._mover.motion @ self._template.to_image
 

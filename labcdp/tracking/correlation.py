@@ -34,11 +34,14 @@ class Response:
         Answer of the filter learned in the first frame: about 1 there, 0 for anything else.
     recent : float
         Answer of the one that has learned since.
+    inner : float
+        Correlation of the features of the region alone, without its surroundings, with those of the first frame.
     """
 
     to_image: Matrix
     first: float
     recent: float
+    inner: float
 
 
 class CorrelationFilter:
@@ -68,7 +71,12 @@ class CorrelationFilter:
         self._template, self._reach_px = template, float(sides.max()) / 2 / template.reduction
         view = self._view(frame, template.to_image)
         assert view is not None
-        self._first = self._recent = _filter_for(self._features(view, template.to_image))
+        cells = self._cells(view, template.to_image)
+        self._first = self._recent = _filter_for(_spectrum(cells))
+        sides_cells = np.clip(np.rint(_CELLS * (high - low) / sides), 4, _CELLS - 2).astype(int)
+        left, top = (_CELLS - sides_cells) // 2
+        self._inner = slice(top, top + sides_cells[1]), slice(left, left + sides_cells[0])
+        self._inner_first = cells[:, *self._inner]
 
     def locate(self, frame: GreyFrame, to_image: Matrix) -> Response | None:
         """Find the region near a position, of about the size there; None if that is outside the image."""
@@ -83,6 +91,11 @@ class CorrelationFilter:
         place, _ = max(sizes, key=lambda size: size[1] * (1.0 if size is sizes[0] else SETTINGS.filter_size_worth))
         return self._respond(view, place)
 
+    def glance(self, frame: GreyFrame, to_image: Matrix) -> Response | None:
+        """Find the region near a position, of the size there; None if that is outside the image."""
+        view = self._view(frame, to_image)
+        return None if view is None else self._respond(view, self._moved(view, to_image)[0])
+
     def respond(self, frame: GreyFrame, to_image: Matrix) -> Response | None:
         """Judge a position; None if it is outside the image."""
         view = self._view(frame, to_image)
@@ -92,29 +105,38 @@ class CorrelationFilter:
         """Learn how the region looks where it was confirmed."""
         view = self._view(frame, to_image)
         if view is not None:
-            new = _filter_for(self._features(view, to_image))
+            new = _filter_for(_spectrum(self._cells(view, to_image)))
             rate = SETTINGS.filter_rate
             self._recent = tuple(old + rate * (now - old) for old, now in zip(self._recent, new, strict=True))
 
     def _view(self, frame: GreyFrame, to_image: Matrix) -> View | None:
         return view_around(frame, self._template.shape, to_image, self._reach_px)
 
-    def _features(self, view: View, to_image: Matrix) -> _Spectrum:
+    def _cells(self, view: View, to_image: Matrix) -> NDArray[np.float32]:
         values = view.under(to_image @ self._to_template, (_SAMPLES, _SAMPLES))
-        return _features(values.reshape(_SAMPLES, _SAMPLES))
+        return _cells(values.reshape(_SAMPLES, _SAMPLES))
 
     def _moved(self, view: View, to_image: Matrix) -> tuple[Matrix, float]:
         """Position of the highest answer of the recent filter around one, and this answer."""
-        answer = _answer(self._recent, self._features(view, to_image))
+        answer = _answer(self._recent, _spectrum(self._cells(view, to_image)))
         x, y, highest = _peak(answer)
         cell = _SAMPLES / _CELLS
         return to_image @ shift(x * cell * self._step[0], y * cell * self._step[1]), highest
 
     def _respond(self, view: View, to_image: Matrix) -> Response:
-        features = self._features(view, to_image)
-        near = np.ix_((-1, 0, 1), (-1, 0, 1))
-        first, recent = (float(_answer(one, features)[near].max()) for one in (self._first, self._recent))
-        return Response(to_image, first, recent)
+        cells = self._cells(view, to_image)
+        spectrum, near = _spectrum(cells), np.ix_((-1, 0, 1), (-1, 0, 1))
+        first, recent = (float(_answer(one, spectrum)[near].max()) for one in (self._first, self._recent))
+        rows, columns = self._inner
+        inner = max(
+            _correlation(
+                self._inner_first,
+                cells[:, rows.start + down : rows.stop + down, columns.start + right : columns.stop + right],
+            )
+            for down in (-1, 0, 1)
+            for right in (-1, 0, 1)
+        )
+        return Response(to_image, first, recent, inner)
 
 
 @cache
@@ -130,8 +152,8 @@ def _wanted() -> _Spectrum:
     return np.fft.rfft2(np.exp(-0.5 * (x * x + y * y) / width**2))
 
 
-def _features(image: NDArray[np.float32]) -> _Spectrum:
-    """Spectra of the directions of edges and of the brightness, each with its local contrast made the same."""
+def _cells(image: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Directions of edges and the brightness in each cell, with their local contrast made the same."""
     import cv2
 
     dx, dy = (cv2.Sobel(image, cv2.CV_32F, *order, None, 1) for order in ((1, 0), (0, 1)))
@@ -144,8 +166,18 @@ def _features(image: NDArray[np.float32]) -> _Spectrum:
     deviation = image - cv2.blur(image, _LIGHT_LOCAL)
     deviation *= np.float32(_LIGHT_WEIGHT) / (cv2.blur(np.abs(deviation), _LIGHT_LOCAL) + np.float32(4))
     parts.append(cv2.resize(deviation, (_CELLS, _CELLS), interpolation=cv2.INTER_AREA))
-    cells = np.stack(parts)
+    return np.stack(parts)
+
+
+def _spectrum(cells: NDArray[np.float32]) -> _Spectrum:
     return np.fft.rfft2((cells - cells.mean(axis=(1, 2), keepdims=True)) * _taper())
+
+
+def _correlation(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    """Correlation of features, each without its mean."""
+    a, b = (one - one.mean(axis=(1, 2), keepdims=True) for one in (a, b))
+    power = float(np.vdot(a, a)) * float(np.vdot(b, b))
+    return float(np.vdot(a, b)) / power**0.5 if power > 0 else 0.0
 
 
 def _filter_for(features: _Spectrum) -> tuple[_Spectrum, NDArray[np.float64]]:

@@ -48,6 +48,11 @@ class MovingRegion(RegionState):
         return self._lost_for == 0
 
     @property
+    def aligned(self) -> bool:
+        """Whether it was seen in this frame as it looked before."""
+        return self._found is not None and self._found.response is None
+
+    @property
     def step(self) -> tuple[tuple[float, float], tuple[float, float]] | None:
         """Its last step in pixels and the one that was expected; None if it was not seen in this frame and before."""
         if self._before is None:
@@ -135,10 +140,14 @@ class MovingRegion(RegionState):
         held, self._held = self._held, None
         if isfinite(self._appearance.repeat_px):
             return
+        correlation = self._appearance.filter
         places = [*expected, *self._appearance.candidates(frame, self._to_image)]
-        responses = [one for place in places if (one := self._appearance.filter.locate(frame, place)) is not None]
+        responses = [one for place in places if (one := correlation.glance(frame, place)) is not None]
         best = max(responses, key=lambda one: one.first, default=None)
-        if best is None or best.first < SETTINGS.filter_again:
+        if best is None or best.first < SETTINGS.filter_first:
+            return
+        best = correlation.locate(frame, best.to_image) or best
+        if best.first < SETTINGS.filter_again or best.inner < SETTINGS.filter_inner:
             return
         apart = [one.first for one in responses if self._apart(one.to_image, best.to_image) > 1]
         if best.first < max(apart, default=0.0) + SETTINGS.lead_quality:

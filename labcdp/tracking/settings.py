@@ -241,6 +241,9 @@ class TrackingSettings:
     filter_agrees: float = _constant(
         0.3, 0.2, 0.5, "answer of the first one without which a poor fit is not believed", _REAL
     )
+    filter_inner: float = _constant(
+        0.7, 0.5, 0.9, "correlation of the region's own features from which it is found again", _REAL
+    )
     filter_near: float = _constant(
         0.35, 0.2, 0.6, "distance of an alignment from where the filter answers, over the size", _REAL
     )

@@ -4,6 +4,7 @@ import importlib
 import inspect
 import json
 import re
+from dataclasses import fields
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 from sphinx.application import Sphinx
 
 from labcdp.cli.commands import all_commands
+from labcdp.tracking.settings import TrackingSettings
 
 #: Modules of the API reference, and the title of each.
 MODULES = {
@@ -112,12 +114,36 @@ def schema_page() -> str:
     return "\n".join(["# JSON schema", "", introduction, "", *table, "", "```json", text.rstrip(), "```", ""])
 
 
+def tracking_constants_page() -> str:
+    """Return the constants of tracking with range, meaning and origin."""
+    introduction = (
+        "Defaults of `labcdp.tracking.settings.TrackingSettings`; what they do is in [](../../concepts/tracking.md)."
+    )
+    lines = [
+        "# Constants of tracking",
+        "",
+        introduction,
+        "",
+        "| name | value | accepted | meaning | from |",
+        "|---|---|---|---|---|",
+    ]
+    for constant in fields(TrackingSettings):
+        about = constant.metadata
+        cells = f"`{constant.name}`", f"{constant.default:g}", f"{about['least']:g} to {about['most']:g}"
+        lines.append(f"| {' | '.join(cells)} | {_escaped(about['meaning'])} | {_escaped(about['origin'])} |")
+    return "\n".join(lines) + "\n"
+
+
 def write_pages(application: Sphinx) -> None:
     """Write those whose content changed, so that Sphinx reads no others again."""
     folder = Path(application.srcdir) / "reference" / "generated"
     folder.mkdir(exist_ok=True)
     elsewhere: dict[int, str] = {}
-    pages = {"commands.md": commands_page(), "schema.md": schema_page()}
+    pages = {
+        "commands.md": commands_page(),
+        "schema.md": schema_page(),
+        "tracking-constants.md": tracking_constants_page(),
+    }
     pages |= {f"{module}.rst": api_page(module, title, elsewhere) for module, title in MODULES.items()}
     for name, text in pages.items():
         path = folder / name

@@ -40,6 +40,8 @@ class Appearance:
         self._aligner = Aligner(template, planar=planar)
         self.filter = CorrelationFilter(frame, template)
         self._frames = 0
+        #: Whether the region itself looks otherwise where alignment with its surroundings puts it.
+        self.doubted = False
         self._recent: Aligner | None = None
         #: Distance in pixels to the nearest other place in the first frame that looks the same; infinite: none.
         self.repeat_px = inf
@@ -96,7 +98,8 @@ class Appearance:
         fit = None if view is None else self._aligner.align(view, response.to_image, light, improve=False)
         if fit is None:
             return None
-        covered = 0.0 if self.changes else fit.covered
+        # The filter's position is not exact: edges of the region itself seem to differ there.
+        covered = 0.0 if self.changes or fit.covered < SETTINGS.filter_covered_share else fit.covered
         fit = replace(fit, quality=min(response.recent, 1.0), covered=covered, light=light)
         return Found(fit, self._aligner, aligned, response)
 
@@ -161,7 +164,8 @@ class Appearance:
         """Learn from what was found: what moves with the region, and how its look slowly changes."""
         fit = found.fit
         if fit.quality < SETTINGS.good_quality or self._frames % SETTINGS.filter_every_frames == 0:
-            self.filter.learn(frame, fit.to_image)
+            response = self.filter.learn(frame, fit.to_image)
+            self.doubted = response is not None and response.inner < SETTINGS.filter_inner
         self._frames += 1
         if found.response is not None:
             self._chain = 0

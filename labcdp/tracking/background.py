@@ -56,7 +56,7 @@ class BackgroundRegion(RegionState):
             return
         self._mover.follow(frame, scene)
         if self._moving < SETTINGS.background_moves_frames:
-            # A part of an object that moves is seen all the time; what is found elsewhere after a loss is another thing.
+            # A part of an object that moves is seen all the time; what is found elsewhere after a loss is not it.
             self._kept = self._mover.aligned and (self._kept or not self.result.lost)
             clear = self._kept and self.result.lost and not self._mover.result.lost
             good = self._mover.result.quality >= SETTINGS.good_quality

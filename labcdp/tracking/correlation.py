@@ -56,10 +56,10 @@ class CorrelationFilter:
 
     Notes
     -----
-    The filter whose answer to the window around the region is a narrow peak at its middle, by least squares: D. S. Bolme
-    et al., Visual object tracking using adaptive correlation filters, CVPR 2010, for several features after M. Danelljan
-    et al., Accurate scale estimation for robust visual tracking, BMVC 2014. Features are histograms of directions of edges
-    of equal local contrast (N. Dalal and B. Triggs, CVPR 2005), which light changes little.
+    The filter whose answer to the window around the region is a narrow peak at its middle, by least squares: D. S.
+    Bolme et al., Visual object tracking using adaptive correlation filters, CVPR 2010, for several features after
+    M. Danelljan et al., Accurate scale estimation for robust visual tracking, BMVC 2014. Features are histograms of the
+    directions of edges of equal local contrast (N. Dalal and B. Triggs, CVPR 2005), which light changes little.
     """
 
     def __init__(self, frame: GreyFrame, template: Template) -> None:
@@ -101,13 +101,17 @@ class CorrelationFilter:
         view = self._view(frame, to_image)
         return None if view is None else self._respond(view, to_image)
 
-    def learn(self, frame: GreyFrame, to_image: Matrix) -> None:
-        """Learn how the region looks where it was confirmed."""
+    def learn(self, frame: GreyFrame, to_image: Matrix) -> Response | None:
+        """Learn how the region looks where it was confirmed, and say how that compares with what was known."""
         view = self._view(frame, to_image)
-        if view is not None:
-            new = _filter_for(_spectrum(self._cells(view, to_image)))
-            rate = SETTINGS.filter_rate
-            self._recent = tuple(old + rate * (now - old) for old, now in zip(self._recent, new, strict=True))
+        if view is None:
+            return None
+        cells = self._cells(view, to_image)
+        response = self._compare(cells, to_image)
+        new, rate = _filter_for(_spectrum(cells)), SETTINGS.filter_rate
+        (numerator, power), (new_numerator, new_power) = self._recent, new
+        self._recent = numerator + rate * (new_numerator - numerator), power + rate * (new_power - power)
+        return response
 
     def _view(self, frame: GreyFrame, to_image: Matrix) -> View | None:
         return view_around(frame, self._template.shape, to_image, self._reach_px)
@@ -124,7 +128,9 @@ class CorrelationFilter:
         return to_image @ shift(x * cell * self._step[0], y * cell * self._step[1]), highest
 
     def _respond(self, view: View, to_image: Matrix) -> Response:
-        cells = self._cells(view, to_image)
+        return self._compare(self._cells(view, to_image), to_image)
+
+    def _compare(self, cells: NDArray[np.float32], to_image: Matrix) -> Response:
         spectrum, near = _spectrum(cells), np.ix_((-1, 0, 1), (-1, 0, 1))
         first, recent = (float(_answer(one, spectrum)[near].max()) for one in (self._first, self._recent))
         rows, columns = self._inner

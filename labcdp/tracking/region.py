@@ -237,7 +237,7 @@ class MovingRegion(RegionState):
         for place in self._expected(scene):
             best = self._appearance.better(moving, best, self._aligned(frame, place))
             if best is not None and best.fit.quality - self._appearance.off(best.fit, moving) >= SETTINGS.good_quality:
-                return best
+                return self._doubted(frame, best) if self._appearance.doubted else best
         if scene.change == "cut":
             return self._elsewhere(frame, None)
         response = self._appearance.filter.locate(frame, moving)
@@ -249,6 +249,19 @@ class MovingRegion(RegionState):
         if best is not None and best.fit.quality >= least:
             return best
         return self._elsewhere(frame, best)
+
+    def _doubted(self, frame: GreyFrame, aligned: Found) -> Found:
+        """Return what the filter sees, if that is elsewhere and more like the region than where its surroundings fit."""
+        correlation, here = self._appearance.filter, aligned.fit.to_image
+        response, there = correlation.locate(frame, here), correlation.respond(frame, here)
+        if response is None or there is None or not self._seen_by_filter(response):
+            return aligned
+        if (
+            self._apart(response.to_image, here) < SETTINGS.filter_moved
+            or response.inner < there.inner + SETTINGS.lead_quality
+        ):
+            return aligned
+        return self._refined(frame, None, response) or aligned
 
     def _seen_by_filter(self, response: Response) -> bool:
         return response.first >= SETTINGS.filter_first and response.recent >= SETTINGS.filter_recent
@@ -280,7 +293,7 @@ class MovingRegion(RegionState):
         return response is not None and response.first >= least
 
     def _elsewhere(self, frame: GreyFrame, near: Found | None) -> Found | None:
-        """What a search of the whole frame finds, against what is near; None if that is not clear."""
+        """Search the whole frame, against what is near; None if it is not clear which is the region."""
         others = [found for found in self._everywhere(frame) if self._again(found)]
         clear = self._appearance.clear([*others, near] if near is not None else others)
         if clear is not None and clear.fit.quality >= SETTINGS.search_quality:

@@ -203,8 +203,8 @@ def _peak(answer: NDArray[np.float64]) -> tuple[float, float, float]:
 
     def refined(at: int, before: float, after: float) -> float:
         curvature = before - 2 * highest + after
-        at += 0.0 if curvature == 0 else 0.5 * (before - after) / curvature
-        return (at + _CELLS / 2) % _CELLS - _CELLS / 2
+        beside = 0.0 if curvature == 0 else 0.5 * (before - after) / curvature
+        return (at + beside + _CELLS / 2) % _CELLS - _CELLS / 2
 
     x = refined(column, answer[row, column - 1], answer[row, (column + 1) % _CELLS])
     y = refined(row, answer[row - 1, column], answer[(row + 1) % _CELLS, column])

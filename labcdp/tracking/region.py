@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from enum import Enum
 from math import dist, hypot, isfinite
 
 from ..core.result import Finding
@@ -22,11 +23,21 @@ _SAME = "tracking-places-alike"
 _LEFT = ("tracking-region-gone", "tracking-region-at-border")
 
 
+class State(Enum):
+    """State of a region in a frame; `docs/concepts/tracking.md` draws them."""
+
+    SEEN = "its position is confirmed"
+    HIDDEN = "its position is known, but nothing is to be measured there"
+    LOST = "its position is not known"
+    SIGHTED = "it may be seen again, and is if the next frame agrees"
+
+
 class MovingRegion(RegionState):
     """Finds one region in frame after frame.
 
-    In each frame the expected places (at rest with the scene, and by its motion so far) are aligned with the first
-    look; if too little of it is found again, with the last confirmed look, and then the whole frame is searched.
+    In each frame the expected positions (by its motion so far, and at rest with the scene) are aligned with the first
+    look. If too little of it is found again, the correlation filter decides: it sees the region, or the whole frame is
+    searched.
     """
 
     def __init__(self, frame: GreyFrame, template: Template, scene: SceneNow, *, planar: bool) -> None:
@@ -43,9 +54,16 @@ class MovingRegion(RegionState):
         self._appearance.find_repeats(frame, self._possible)
 
     @property
+    def state(self) -> State:
+        """Its state in this frame."""
+        if self._lost_for > 0:
+            return State.LOST if self._held is None else State.SIGHTED
+        return State.HIDDEN if self.result.lost else State.SEEN
+
+    @property
     def seen(self) -> bool:
-        """Whether the place is known in this frame."""
-        return self._lost_for == 0
+        """Whether its position is known in this frame."""
+        return self.state in (State.SEEN, State.HIDDEN)
 
     @property
     def aligned(self) -> bool:
@@ -251,7 +269,7 @@ class MovingRegion(RegionState):
         return self._elsewhere(frame, best)
 
     def _doubted(self, frame: GreyFrame, aligned: Found) -> Found:
-        """Return what the filter sees, if that is elsewhere and more like the region than where its surroundings fit."""
+        """Return what the filter sees, if that is elsewhere and more like the region than the position of the fit."""
         correlation, here = self._appearance.filter, aligned.fit.to_image
         response, there = correlation.locate(frame, here), correlation.respond(frame, here)
         if response is None or there is None or not self._seen_by_filter(response):
@@ -284,7 +302,7 @@ class MovingRegion(RegionState):
 
     def _apart(self, a: Matrix, b: Matrix) -> float:
         """Distance of two positions in parts of the region's size."""
-        size = self._first.area**0.5 * local_scale(a, self._appearance.centre) * self._template.reduction
+        size: float = self._first.area**0.5 * local_scale(a, self._appearance.centre) * self._template.reduction
         return dist(self._appearance.middle(a), self._appearance.middle(b)) / size
 
     def _agrees(self, frame: GreyFrame, found: Found, least: float) -> bool:

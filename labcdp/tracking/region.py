@@ -270,16 +270,18 @@ class MovingRegion(RegionState):
 
     def _doubted(self, frame: GreyFrame, aligned: Found) -> Found:
         """Return what the filter sees, if that is elsewhere and more like the region than the position of the fit."""
-        correlation, here = self._appearance.filter, aligned.fit.to_image
-        response, there = correlation.locate(frame, here), correlation.respond(frame, here)
-        if response is None or there is None or not self._seen_by_filter(response):
-            return aligned
-        if (
-            self._apart(response.to_image, here) < SETTINGS.filter_moved
-            or response.inner < there.inner + SETTINGS.lead_quality
-        ):
+        here = aligned.fit.to_image
+        response = self._appearance.filter.locate(frame, here)
+        if response is None or not self._seen_by_filter(response) or not self._better(frame, response, here):
             return aligned
         return self._refined(frame, None, response) or aligned
+
+    def _better(self, frame: GreyFrame, response: Response, place: Matrix) -> bool:
+        """Whether the region itself is clearly more alike where the filter sees it than at another position."""
+        if self._apart(response.to_image, place) < SETTINGS.filter_moved:
+            return False
+        there = self._appearance.filter.respond(frame, place)
+        return there is None or response.inner >= there.inner + SETTINGS.lead_quality
 
     def _seen_by_filter(self, response: Response) -> bool:
         return response.first >= SETTINGS.filter_first and response.recent >= SETTINGS.filter_recent

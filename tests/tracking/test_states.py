@@ -25,11 +25,12 @@ DRAWN = {("SEEN", "HIDDEN"), ("HIDDEN", "SEEN"), ("SEEN", "LOST"), ("HIDDEN", "L
 @pytest.mark.parametrize(
     ("path", "seen"),
     [
-        (lambda t: Moment(drive(t), covers=(Cover(0, 0, 240, 160, 0.4),) if 8 <= t < 13 else ()), {"SEEN", "LOST"}),
-        (lambda t: Moment(pose(150 + 4 * t, 80)), {"SEEN", "HIDDEN"}),
-        (lambda t: Moment(drive(t), gain=float(not 8 <= t < 13)), {"SEEN", "HIDDEN"}),
+        (lambda t: Moment(drive(t), covers=(Cover(200 - 25 * t, 0, 240, 160, 0.4),) if t < 13 else ()), {"LOST"}),
+        (lambda t: Moment(drive(t), scene=int(8 <= t < 13)), {"LOST"}),
+        (lambda t: Moment(pose(120, 80), covers=(Cover(86, 60, 3, 40, 0.9),) if t > 4 else ()), {"HIDDEN"}),
+        (lambda t: Moment(drive(t), gain=float(not 8 <= t < 13)), {"HIDDEN"}),
     ],
-    ids=["covered", "leaves", "black"],
+    ids=["behind", "cut", "a strip", "black"],
 )
 def test_states_follow_each_other_as_drawn(path, seen):
     first, *frames = SimulatedVideo(path, 20, size=SIZE).frames()
@@ -46,24 +47,26 @@ def test_states_follow_each_other_as_drawn(path, seen):
 
 def walker(step, rng):
     """A figure whose arms and legs swing before a textured background, 2 pixels a frame to the right."""
-    background = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 120, (160, 320)), (0, 0), 4) + 110
-    x, swing = 60 + 2 * step, 9 * np.sin(step / 2)
+    background = cv2.GaussianBlur(np.random.default_rng(5).normal(0, 60, (160, 320)), (0, 0), 4) + 110
+    x, swing = 60 + 2 * step, 6 * np.sin(step / 3)
     for left, top, width, height, light in [
-        (-8, 60, 16, 34, 190), (-5, 46, 10, 12, 150), (-9 + swing, 64, 6, 24, 70), (3 - swing, 64, 6, 24, 70),
-        (-7 + swing, 94, 6, 28, 40), (1 - swing, 94, 6, 28, 40),
+        (-14, 50, 28, 44, 190), (-7, 32, 14, 17, 150), (-18 + swing, 54, 7, 34, 70), (11 - swing, 54, 7, 34, 70),
+        (-12 + swing, 94, 10, 40, 40), (2 - swing, 94, 10, 40, 40),
     ]:  # fmt: skip
         background[top : top + height, round(x + left) : round(x + left + width)] = light
     smooth = cv2.GaussianBlur(background, (0, 0), 0.8)
     return np.clip(smooth + rng.normal(0, 2, smooth.shape), 0, 255).astype(np.uint8)
 
 
-def test_a_person_who_walks_is_followed():
+def test_a_person_who_walks_is_followed_and_no_other_place_is_taken_for_her():
     rng = np.random.default_rng(2)
-    jacket = Roi.rectangle("jacket", 50, 58, 20, 38)
+    jacket = Roi.rectangle("jacket", 48, 54, 24, 36)
     tracker = make_tracker("follow", walker(0, rng), [jacket])
     results = [tracker.update(walker(step, rng)) for step in range(1, 41)]
-    right = [near(found, [jacket.moved(2 * step, 0)], 7) for step, found in enumerate(results, start=1)]
-    assert np.mean(right) >= 0.95
+    right = [near(found, [jacket.moved(2 * step, 0)], 10) for step, found in enumerate(results, start=1)]
+    seen = [not found.lost for (found,) in results]
+    assert right == seen
+    assert np.mean(seen) >= 0.5
 
 
 def test_a_filter_sees_the_region_in_other_light_and_nothing_else_for_it():

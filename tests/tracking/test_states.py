@@ -1,6 +1,7 @@
 """States of a region, and the constants that decide them."""
 
 from dataclasses import fields
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -19,7 +20,8 @@ from .test_following import SIZE, drive, near
 
 #: Those that docs/concepts/tracking.md draws.
 DRAWN = {("SEEN", "HIDDEN"), ("HIDDEN", "SEEN"), ("SEEN", "LOST"), ("HIDDEN", "LOST"), ("LOST", "SEEN"),
-         ("LOST", "SIGHTED"), ("SIGHTED", "LOST"), ("SIGHTED", "SEEN"), ("LOST", "HIDDEN"), ("SIGHTED", "HIDDEN")}  # fmt: skip
+         ("LOST", "SIGHTED"), ("SIGHTED", "LOST"), ("SIGHTED", "SEEN"), ("LOST", "HIDDEN"),
+         ("SIGHTED", "HIDDEN")}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -41,7 +43,7 @@ def test_states_follow_each_other_as_drawn(path, seen):
         group.update(frame.grey)
         states.append(region.state.name)
         assert (region.state is State.SEEN) == (not region.result.lost)
-    assert {(a, b) for a, b in zip(states, states[1:], strict=False) if a != b} <= DRAWN
+    assert {(a, b) for a, b in pairwise(states) if a != b} <= DRAWN
     assert seen <= set(states)
 
 

@@ -11,6 +11,8 @@ from ..core.errors import InputError
 
 #: Largest integer below which float64 holds every integer.
 _LARGEST_INTEGER = 2**53
+#: Largest light: the fourth power of more, in sums of pixels, would leave float64.
+_LARGEST_LIGHT = 1e60
 
 
 def check_exact(integers: NDArray[Any], name: str) -> tuple[int, int]:
@@ -44,6 +46,21 @@ def numeric_array(values: ArrayLike, name: str) -> NDArray[Any]:
     if array.dtype.kind not in "iuf" or array.dtype.itemsize > 8:
         raise InputError(f"{name} has type {array.dtype}: give integers or floats of at most 64 bit")
     return array
+
+
+def light_array(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Return light as an array of float64; values that are not finite are kept.
+
+    Raises
+    ------
+    InputError
+        If it is no array of numbers, or masked, or a finite value is so large that its powers would overflow.
+    """
+    light = numeric_array(values, name).astype(np.float64)
+    largest = float(np.abs(light).max(initial=0.0, where=np.isfinite(light)))
+    if largest > _LARGEST_LIGHT:
+        raise InputError(f"{name} reaches {largest:.3g}: give light up to {_LARGEST_LIGHT:g}")
+    return light
 
 
 def image_array(image: ArrayLike) -> NDArray[Any]:

@@ -15,6 +15,7 @@ from ..core.errors import InputError
 from ..core.percent import plain_fraction
 from ..core.quantity import Z_95, Interval, Quantity
 from ..core.result import Finding, info, warning
+from .arrays import light_array
 from .correlation import region_inflation
 from .detection import size_findings
 from .uncertainty import confidence_interval, unbiased_variance
@@ -200,7 +201,7 @@ class ColourRegion:
     @classmethod
     def of(cls, values: ArrayLike, name: str) -> ColourRegion:
         """Take all pixels of an array; raises InputError."""
-        array = np.asarray(values, dtype=np.float64)
+        array = light_array(values, f"the {name} region")
         if array.ndim not in (2, 3):
             raise InputError(
                 f"the {name} region has the shape {array.shape}: give (n, planes) or (height, width, planes)"

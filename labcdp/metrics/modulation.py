@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..core.disk.files import shown
 from ..core.errors import InputError
 from ..core.quantity import Z_95, Interval, Quantity
-from .arrays import numeric_array
+from .arrays import light_array, numeric_array
 from .beat import FEWEST_BEATS, Wave, find_wave, smoothed
 
 _Array = NDArray[np.float64]
@@ -407,7 +407,7 @@ def _wilson(share: float, n: float) -> Interval:
 
 
 def _checked(values: ArrayLike, times_s: ArrayLike | None) -> tuple[_Array, _Array | None]:
-    x = numeric_array(values, "values").astype(np.float64)
+    x = light_array(values, "values")
     if x.ndim != 1:
         raise InputError(f"values has the shape {x.shape}: give one for each frame")
     if times_s is None:

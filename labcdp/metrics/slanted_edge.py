@@ -14,6 +14,7 @@ from ..core.errors import InputError
 from ..core.luminance import WHOLE, Invalid, LuminanceMap
 from ..core.quantity import Interval, Quantity, as_number
 from ..core.roi import Roi
+from .arrays import light_array
 from .edge_profile import FEWEST_ROWS, FREQUENCY, edge_profile, light_step, located_edge
 from .region import SATURATED_SHARE
 
@@ -355,7 +356,7 @@ def _region(values: ArrayLike | LuminanceMap, roi: Roi | None) -> tuple[_Array, 
         step, region = values.step, None if roi is None else values.scaled(roi)
         light, invalid = np.asarray(values.luminance_cd_m2), values.invalid
     else:
-        step, region, light = 1, roi, np.asarray(values)
+        step, region, light = 1, roi, light_array(values, "the light")
         invalid = np.zeros(light.shape, dtype=np.uint8)
     if light.ndim != 2:
         raise InputError(f"the light has the shape {light.shape}: give rows of pixels")

@@ -15,6 +15,7 @@ from ..core.errors import InputError
 from ..core.luminance import WHOLE, Invalid, LuminanceMap
 from ..core.quantity import Quantity, as_number
 from ..core.roi import Roi
+from .arrays import light_array
 
 _Array = NDArray[np.float64]
 #: Rings of the radial profile for each factor of 10 of the radius.
@@ -231,7 +232,7 @@ def _intensity(stray: StrayLight, illuminance_lx: Quantity) -> StrayLight:
 
 def _as_map(light: ArrayLike | LuminanceMap, name: str, shape: tuple[int, int] | None = None) -> LuminanceMap:
     if not isinstance(light, LuminanceMap):
-        values = np.asarray(light, dtype=np.float64)
+        values = light_array(light, name)
         if values.ndim != 2:
             raise InputError(f"{name} has the shape {values.shape}: give rows of pixels")
         light = LuminanceMap(values, np.zeros(values.shape), (), np.zeros(values.shape, np.uint8))

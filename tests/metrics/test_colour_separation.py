@@ -122,6 +122,8 @@ def test_findings_and_errors():
         (grey[0, :4], grey[1], "4 pixels of 3 planes"),
         (np.repeat(grey[..., :1], 3, axis=2), grey, "no noise of their own"),
         (np.where(grey > 55, np.nan, grey), grey, "not finite"),
+        (grey * 1e300, grey, "the first region reaches"),
+        ("red", grey, "the first region has type"),
     ):
         with pytest.raises(labcdp.InputError, match=text):
             labcdp.colour_separation(first, second)

@@ -144,6 +144,8 @@ def test_defects_are_left_out_and_saturation_is_counted():
         ({"illuminance_lx": Quantity(0.0, 1.0), "unit": "cd/m²"}, "the illuminance is 0 lx: give a number above 0"),
         ({"direct": np.zeros(SHAPE)}, "the direct picture has no light in the regions of the source"),
         ({"direct": np.zeros((10, 10))}, "the direct picture has 10 x 10 pixels, the picture 320 x 240"),
+        ({"direct": SCENE * 1e300}, "the direct picture reaches"),
+        ({"direct": [["bright"]]}, "the direct picture has type"),
         ({"block_px": 0}, "the blocks have 0 pixels a side: give at least 1"),
     ],
 )

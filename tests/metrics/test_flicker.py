@@ -216,6 +216,7 @@ def test_a_pulse_with_rows_is_the_mean_of_shifted_trapezoids(top, ramp, rows):
         ({"values": [1.0, 2.0], "times_s": [1.0]}, r"times_s has the shape \(1,\) and values \(2,\)"),
         ({"values": [1.0, 2.0], "frequency_hz": 90}, "frequency_hz is given without times_s"),
         ({"values": ["a"]}, "values has type"),
+        ({"values": [1e308, 1.7e308]}, "values reaches 1.7e.308: give light up to 1e.60"),
     ],
 )
 def test_what_cannot_be_used_is_refused(arguments, message):

@@ -141,6 +141,8 @@ def test_a_polygon_and_defects_leave_pixels_out():
     ("image", "message"),
     [
         (np.ones(40), "the light has the shape"),
+        ([["dark", "bright"]], "the light has type"),
+        (np.full((40, 40), 1e300), "the light reaches 1e.300"),
         (np.ones((10, 60)), "the region is 60 x 10 pixels: give at least 20 on each side"),
         (np.full((40, 40), np.nan), "no pixel has a value"),
         (np.ones((40, 40)), "0 rows have 4 pixels and more on both sides of an edge"),

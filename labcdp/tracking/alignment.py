@@ -109,20 +109,20 @@ class Aligner:
 
         fine = self._fine.arrays
         better = ((self._coarse.arrays, SETTINGS.coarse_steps), (fine, SETTINGS.fine_steps)) if improve else ()
-        place, (gain, offset) = view.from_image @ to_image, light or (nan, 0.0)
+        position, (gain, offset) = view.from_image @ to_image, light or (nan, 0.0)
         for level, n_steps in (*better, (fine, 0)):
-            place, gain, offset, values, trusted, residuals = improved(
-                level, view.values, view.bounds, place, gain, offset, n_steps
+            position, gain, offset, values, trusted, residuals = improved(
+                level, view.values, view.bounds, position, gain, offset, n_steps
             )
             if isnan(gain):
                 return None
         noise, structure = fine.noise * (1 + 1 / gain**2) ** 0.5, fine.structure
         factor = 1 / hypot(SETTINGS.agrees_noise * noise, SETTINGS.agrees_share * structure)
-        agrees, found, n_inside = agreement(residuals, trusted, self._carries, factor)
+        agrees, match, n_inside = agreement(residuals, trusted, self._carries, factor)
         # Whatever there is agrees with noise as strong as the structure.
-        quality = found / self._carried * min(1.0, (structure / max(SETTINGS.agrees_noise * noise, 1e-9)) ** 2)
+        quality = match / self._carried * min(1.0, (structure / max(SETTINGS.agrees_noise * noise, 1e-9)) ** 2)
         return Fit(
-            view.to_image @ place,
+            view.to_image @ position,
             quality,
             (gain, offset),
             self._covered(

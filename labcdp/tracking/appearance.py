@@ -19,7 +19,7 @@ from .template import Template
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Match:
     """A fit, by which look, how well the first look fits, and the filter's response if that found it instead."""
 
     fit: Fit
@@ -71,28 +71,28 @@ class Appearance:
         size = max(self.template.shape) * local_scale(to_image, self.centre)
         return max(SETTINGS.reach_share * size, SETTINGS.reach_px)
 
-    def aligned(self, frame: GreyFrame, place: Matrix, light: GainOffset, possible: Possible) -> Found | None:
+    def aligned(self, frame: GreyFrame, position: Matrix, light: GainOffset, possible: Possible) -> Match | None:
         """Fit near a place by the first look, or if that is not good by the last one."""
-        view = view_around(frame, self.template.shape, place, self.reach(place))
+        view = view_around(frame, self.template.shape, position, self.reach(position))
         if view is None:
             return None
-        first = self._aligner.align(view, place, light)
+        first = self._aligner.align(view, position, light)
         if first is not None and not possible(first):
             first = None
         like_first = 0.0 if first is None or first.covered > SETTINGS.covered_share else first.quality
         if self._recent is not None and like_first < SETTINGS.good_quality:
-            fit = self._recent.align(view, place, light)
+            fit = self._recent.align(view, position, light)
             like_now = 0.0 if fit is None or fit.covered > SETTINGS.covered_share or not possible(fit) else fit.quality
             if fit is not None and like_now > like_first + SETTINGS.newer_lead_quality:
-                return Found(fit, self._recent, like_first)
-        return None if first is None else Found(first, self._aligner, like_first)
+                return Match(fit, self._recent, like_first)
+        return None if first is None else Match(first, self._aligner, like_first)
 
     @property
     def changes(self) -> bool:
         """Whether the object changes its looks, as a face or a walking person does."""
         return self.usual < SETTINGS.changing_quality
 
-    def by_filter(self, frame: GreyFrame, response: Response, light: GainOffset, aligned: float) -> Found | None:
+    def by_filter(self, frame: GreyFrame, response: Response, light: GainOffset, aligned: float) -> Match | None:
         """Fit where the filter responded, which need not look as it did; `aligned` is the quality of the best fit."""
         view = view_around(frame, self.template.shape, response.to_image, self.reach(response.to_image))
         fit = None if view is None else self._aligner.align(view, response.to_image, light, improve=False)
@@ -101,7 +101,7 @@ class Appearance:
         # The filter's position is not exact: edges of the region itself seem to differ there.
         covered = 0.0 if self.changes or fit.covered < SETTINGS.filter_covered_share else fit.covered
         fit = replace(fit, quality=min(response.recent, 1.0), covered=covered, light=light)
-        return Found(fit, self._aligner, aligned, response)
+        return Match(fit, self._aligner, aligned, response)
 
     def candidates(self, frame: GreyFrame, to_image: Matrix) -> list[Matrix]:
         """Positions in the whole frame, of about the size at one, that look like the region at a glance."""
@@ -109,10 +109,10 @@ class Appearance:
         looks = [(look, scale / local_scale(look.to_image, self.centre)) for look in self._glances]
         return candidates(frame, looks, SETTINGS.search_aligned)
 
-    def everywhere(self, frame: GreyFrame, to_image: Matrix, light: GainOffset, possible: Possible) -> list[Found]:
+    def everywhere(self, frame: GreyFrame, to_image: Matrix, light: GainOffset, possible: Possible) -> list[Match]:
         """Fits in the whole frame, of about the size at a position."""
-        found = (self.aligned(frame, place, light, possible) for place in self.candidates(frame, to_image))
-        return [one for one in found if one is not None]
+        match = (self.aligned(frame, position, light, possible) for position in self.candidates(frame, to_image))
+        return [one for one in match if one is not None]
 
     def find_repeats(self, frame: GreyFrame, possible: Possible) -> None:
         """Find the nearest other place in the first frame that looks the same."""
@@ -120,13 +120,13 @@ class Appearance:
         left, top, right, bottom = box_of(to_image, self._patch[2] - self._patch[0], self._patch[3] - self._patch[1])
         apart_least, here = max(min(right - left, bottom - top) / 2, 4.0), self.middle(to_image)
         # Of a pattern many places look as much alike: the nearest one need not be among the best.
-        places = candidates(
+        positions = candidates(
             frame, [(look, 1.0) for look in self._glances], SETTINGS.repeats_aligned, SETTINGS.repeats_aligned
         )
-        for place in sorted(places, key=lambda one: dist(here, self.middle(one))):
-            found = self.aligned(frame, place, (1.0, 0.0), possible)
-            apart = 0.0 if found is None else dist(here, self.middle(found.fit.to_image))
-            if found is not None and found.fit.quality >= SETTINGS.search_quality and apart > apart_least:
+        for position in sorted(positions, key=lambda one: dist(here, self.middle(one))):
+            match = self.aligned(frame, position, (1.0, 0.0), possible)
+            apart = 0.0 if match is None else dist(here, self.middle(match.fit.to_image))
+            if match is not None and match.fit.quality >= SETTINGS.search_quality and apart > apart_least:
                 self.repeat_px = apart
                 return
 
@@ -137,16 +137,16 @@ class Appearance:
         scale = local_scale(expected, self.centre) * self.template.reduction
         return dist(self.middle(fit.to_image), self.middle(expected)) / (scale * self.repeat_px)
 
-    def better(self, expected: Matrix, best: Found | None, other: Found | None) -> Found | None:
+    def better(self, expected: Matrix, best: Match | None, other: Match | None) -> Match | None:
         """Of two fits the better one, and of places that look the same the one nearer to the expected place."""
         if other is None or best is None:
             return best or other
         gained = self.off(best.fit, expected) - self.off(other.fit, expected)
         return other if other.fit.quality + gained > best.fit.quality else best
 
-    def clear(self, found: list[Found]) -> Found | None:
+    def clear(self, match: list[Match]) -> Match | None:
         """Choose the best of places in the whole frame; None if another one is nearly as good."""
-        ranked = sorted(found, key=lambda one: -one.fit.quality)
+        ranked = sorted(match, key=lambda one: -one.fit.quality)
         if not ranked:
             return None
         best = ranked[0]
@@ -160,16 +160,16 @@ class Appearance:
         """Learn nothing new until the first look is confirmed: the region was lost."""
         self._chain, self._anchored = 0, False
 
-    def learn(self, frame: GreyFrame, found: Found) -> None:
+    def learn(self, frame: GreyFrame, match: Match) -> None:
         """Learn from what was found: what moves with the region, and how its look slowly changes."""
-        fit = found.fit
+        fit = match.fit
         if fit.quality < SETTINGS.good_quality or self._frames % SETTINGS.filter_every_frames == 0:
             response = self.filter.learn(frame, fit.to_image)
             self.doubted = response is not None and response.inner < SETTINGS.filter_inner
         self._frames += 1
-        if found.response is not None:
+        if match.response is not None:
             self._chain = 0
-            self.usual += (found.first - self.usual) / SETTINGS.usual_frames
+            self.usual += (match.first - self.usual) / SETTINGS.usual_frames
             return
         gain, offset = fit.light
         values = (fit.values - np.float32(offset)) / np.float32(gain)
@@ -181,14 +181,14 @@ class Appearance:
         self._anchored = self._anchored or fit.quality >= SETTINGS.good_quality
         if not self._anchored:
             return
-        if found.aligner is self._aligner:
+        if match.aligner is self._aligner:
             self.usual += (fit.quality - self.usual) / SETTINGS.usual_frames
             self._aligner.learn(fit)
         if fit.quality >= SETTINGS.good_quality and self._chain > 0:
             look = look_at(frame, fit.to_image, self._patch)
             if look is not None:
                 self._glances = [*self._glances[:1], look]
-        if found.first < SETTINGS.newer_below_quality and self._chain >= SETTINGS.newer_frames:
+        if match.first < SETTINGS.newer_below_quality and self._chain >= SETTINGS.newer_frames:
             self._recent = self._aligner.relooked(values)
             self._chain = 0
 

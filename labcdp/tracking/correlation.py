@@ -83,13 +83,13 @@ class CorrelationFilter:
         view = self._view(frame, to_image)
         if view is None:
             return None
-        place, _ = self._moved(view, to_image)
+        position, _ = self._moved(view, to_image)
         sizes = [
-            self._moved(view, place @ shift(*self._middle) @ scaling(size) @ shift(*-self._middle))
+            self._moved(view, position @ shift(*self._middle) @ scaling(size) @ shift(*-self._middle))
             for size in (1.0, 1 / SETTINGS.filter_size_step, SETTINGS.filter_size_step)
         ]
-        place, _ = max(sizes, key=lambda size: size[1] * (1.0 if size is sizes[0] else SETTINGS.filter_size_worth))
-        return self._respond(view, place)
+        position, _ = max(sizes, key=lambda size: size[1] * (1.0 if size is sizes[0] else SETTINGS.filter_size_worth))
+        return self._respond(view, position)
 
     def glance(self, frame: GreyFrame, to_image: Matrix) -> Response | None:
         """Find the region near a position, of the size there; None if that is outside the image."""

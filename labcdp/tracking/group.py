@@ -61,13 +61,15 @@ class RegionGroup:
     def _keep_together(self, frame: GreyFrame, scene: SceneNow) -> None:
         """Regions that moved together so far still do, unless they are clearly seen elsewhere."""
         moving = {number: one for number, one in enumerate(self._followers) if isinstance(one, MovingRegion)}
-        found = {number: step for number, one in moving.items() if (step := one.step) is not None}
-        off = {(a, b): moving[a].off(moving[b].motion) for a in found for b in found if a != b}
+        steps_seen = {number: step for number, one in moving.items() if (step := one.step) is not None}
+        off = {(a, b): moving[a].off(moving[b].motion) for a in steps_seen for b in steps_seen if a != b}
         for a, b in self._companions.doubted(off):
             if moving[a].result.quality < moving[b].result.quality:
                 moving[a].put_back(frame, scene, moving[b].motion)
-        steps = {number: step for number, (step, _) in found.items()}
-        for number in self._companions.jumped(steps, {number: expected for number, (_, expected) in found.items()}):
+        steps = {number: step for number, (step, _) in steps_seen.items()}
+        for number in self._companions.jumped(
+            steps, {number: expected for number, (_, expected) in steps_seen.items()}
+        ):
             moving[number].take_back("tracking-region-jumped")
 
     def _predicted_places(self, number: int) -> list[Matrix]:

@@ -48,9 +48,9 @@ def _sample(
     trusted: _Pixels,
 ) -> None:
     """Interpolate a view under the template, and say how far each pixel counts: not outside `bounds`."""
-    place = _product(to_view, level.to_template)
-    a, b, c, d, e, f = place[0, 0], place[0, 1], place[0, 2], place[1, 0], place[1, 1], place[1, 2]
-    g, h, i = place[2, 0], place[2, 1], place[2, 2]
+    position = _product(to_view, level.to_template)
+    a, b, c, d, e, f = position[0, 0], position[0, 1], position[0, 2], position[1, 0], position[1, 1], position[1, 2]
+    g, h, i = position[2, 0], position[2, 1], position[2, 2]
     left, top, right, bottom = bounds
     n_rows, n_columns = image.shape
     at = 0
@@ -114,7 +114,7 @@ def improved(
     level: LevelArrays,
     image: _Pixels,
     bounds: tuple[float, float, float, float],
-    place: _Matrix,
+    position: _Matrix,
     gain: float,
     offset: float,
     n_steps: int,
@@ -129,7 +129,7 @@ def improved(
     rows, weighted = np.empty((n + 1, size), np.float32), np.empty((n + 1, size), np.float32)
     expected, residuals, robust = gain, values, values
     for number in range(max(n_steps, 1)):
-        _sample(level, image, bounds, place, values, trusted)
+        _sample(level, image, bounds, position, values, trusted)
         if number:
             gain, offset = find_light(level, values, trusted, robust, expected)
             if not isnan(gain):
@@ -149,16 +149,16 @@ def improved(
             largest = max(largest, abs(step[way]))
             for at in range(9):
                 change[at // 3, at % 3] += step[way] * level.generators[way, at]
-        place = _product(_product(_product(place, level.from_centred), _inverse(change)), level.centred)
-        whole = place[2, 2]
+        position = _product(_product(_product(position, level.from_centred), _inverse(change)), level.centred)
+        whole = position[2, 2]
         for row in range(3):
             for column in range(3):
-                place[row, column] /= whole
-                if not isfinite(place[row, column]):
+                position[row, column] /= whole
+                if not isfinite(position[row, column]):
                     gain = nan
         if isnan(gain) or largest < level.still:
             break
-    return place, gain, offset, values, trusted, residuals
+    return position, gain, offset, values, trusted, residuals
 
 
 class Edges(NamedTuple):
@@ -182,17 +182,17 @@ class Edges(NamedTuple):
 def agreement(residuals: _Pixels, trusted: _Pixels, carries: _Pixels, factor: float) -> tuple[_Pixels, float, int]:
     """How far each pixel is found again (nan outside the image), their sum by what they carry, number in the image."""
     agrees = np.empty(residuals.size, np.float32)
-    found, n_inside = 0.0, 0
+    match, n_inside = 0.0, 0
     for at in range(residuals.size):
         if trusted[at] > 0:
             off = residuals[at] * factor
             off *= off
             agrees[at] = 1 / (1 + off * off)
-            found += carries[at] * (trusted[at] * agrees[at])
+            match += carries[at] * (trusted[at] * agrees[at])
             n_inside += 1
         else:
             agrees[at] = np.nan
-    return agrees, found, n_inside
+    return agrees, match, n_inside
 
 
 @compiled

@@ -10,7 +10,7 @@ from math import dist, hypot, isfinite
 from ..core.result import Finding
 from ..core.roi import Roi
 from .alignment import Fit
-from .appearance import Appearance, Found, shape_allows
+from .appearance import Appearance, Match, shape_allows
 from .correlation import Response
 from .frame import GreyFrame, view_around
 from .geometry import Matrix, carried, local_scale, shift
@@ -43,7 +43,7 @@ class MovingRegion(RegionState):
     def __init__(self, frame: GreyFrame, template: Template, scene: SceneNow, *, planar: bool) -> None:
         super().__init__(template)
         self._velocity, self._light, self._quality = (0.0, 0.0), (1.0, 0.0), 1.0
-        self._found: Found | None = None
+        self._found: Match | None = None
         self._left, self._lost_for = False, 0
         self._held: Matrix | None = None
         self._before: tuple[Matrix, tuple[float, float]] | None = None
@@ -99,23 +99,23 @@ class MovingRegion(RegionState):
             self._lost_for += 1
             self.result = replace(self.result, quality=0.0)
             return
-        found = self._best(frame, scene)
-        if found is None or (found.response is None and found.fit.quality < SETTINGS.lost_quality):
-            quality = 0.0 if found is None else found.fit.quality
+        match = self._best(frame, scene)
+        if match is None or (match.response is None and match.fit.quality < SETTINGS.lost_quality):
+            quality = 0.0 if match is None else match.fit.quality
             gone = view_around(frame, self._template.shape, next(self._expected(scene)), 0) is None
             code = "tracking-scene-changed" if scene.change == "cut" else "tracking-not-found"
             reason = self._finding("tracking-region-gone") if gone else self._finding(code, found_share=float(quality))
             self._lose(reason, quality)
             return
-        if all(self._appearance.off(found.fit, place) > SETTINGS.alike_share for place in self._expected(scene)):
-            self._lose(self._finding(_SAME), found.fit.quality)
+        if all(self._appearance.off(match.fit, position) > SETTINGS.alike_share for position in self._expected(scene)):
+            self._lose(self._finding(_SAME), match.fit.quality)
             return
-        lost = found.aligner.vanished(found.fit) if found.response is None else 0.0
-        if lost > SETTINGS.outline_lost_share and not self._agrees(frame, found, SETTINGS.filter_again):
-            self._lose(self._finding("tracking-outline-lost", lost_share=float(lost)), found.fit.quality)
+        lost = match.aligner.vanished(match.fit) if match.response is None else 0.0
+        if lost > SETTINGS.outline_lost_share and not self._agrees(frame, match, SETTINGS.filter_again):
+            self._lose(self._finding("tracking-outline-lost", lost_share=float(lost)), match.fit.quality)
             return
         before, self._before_roi = (self._to_image, self._velocity), self.result.roi
-        self._accept(frame, scene, found)
+        self._accept(frame, scene, match)
         self._before = before
 
     def look_again(self, frame: GreyFrame, scene: SceneNow, predicted: list[Matrix]) -> None:
@@ -124,34 +124,38 @@ class MovingRegion(RegionState):
         expected = [*companions, *self._expected(scene)]
         if self._held is not None:
             expected.insert(0, self._held)
-        tried = [(place, found) for place in expected if (found := self._aligned(frame, place)) and self._again(found)]
-        for place, found in tried:
+        tried = [
+            (position, match)
+            for position in expected
+            if (match := self._aligned(frame, position)) and self._again(match)
+        ]
+        for position, match in tried:
             near = dist(
-                self._appearance.middle(found.fit.to_image), self._appearance.middle(place)
-            ) < self._appearance.reach(place)
+                self._appearance.middle(match.fit.to_image), self._appearance.middle(position)
+            ) < self._appearance.reach(position)
             certain = (
-                any(place is one for one in companions)
-                or place is self._held
-                or found.fit.quality >= SETTINGS.good_quality
+                any(position is one for one in companions)
+                or position is self._held
+                or match.fit.quality >= SETTINGS.good_quality
             )
-            if near and certain and self._sure(found, place, known=any(place is one for one in companions)):
-                self._again_from(frame, scene, found)
+            if near and certain and self._sure(match, position, known=any(position is one for one in companions)):
+                self._again_from(frame, scene, match)
                 return
-        everywhere = [found for found in self._everywhere(frame) if self._again(found)]
+        everywhere = [match for match in self._everywhere(frame) if self._again(match)]
         best = self._appearance.clear(everywhere)
         if best is None and not tried:
             self._again_by_filter(frame, scene, expected)
             return
-        found = best or max((found for _, found in tried), key=lambda one: one.fit.quality)
-        if not self._sure(found, expected[-1], known=False):
+        match = best or max((match for _, match in tried), key=lambda one: one.fit.quality)
+        if not self._sure(match, expected[-1], known=False):
             self._held = None
             self._say_alike()
-        elif (found.fit.quality >= SETTINGS.good_quality and self._lit(found.fit)) or (
-            self._held_at(found.fit) and self._within(found)
+        elif (match.fit.quality >= SETTINGS.good_quality and self._lit(match.fit)) or (
+            self._held_at(match.fit) and self._within(match)
         ):
-            self._again_from(frame, scene, found)
+            self._again_from(frame, scene, match)
         else:
-            self._held = found.fit.to_image
+            self._held = match.fit.to_image
 
     def _again_by_filter(self, frame: GreyFrame, scene: SceneNow, expected: list[Matrix]) -> None:
         """Take the region for found where the first filter sees it twice in a row, and nowhere else."""
@@ -159,8 +163,8 @@ class MovingRegion(RegionState):
         if isfinite(self._appearance.repeat_px):
             return
         correlation = self._appearance.filter
-        places = [*expected, *self._appearance.candidates(frame, self._to_image)]
-        responses = [one for place in places if (one := correlation.glance(frame, place)) is not None]
+        positions = [*expected, *self._appearance.candidates(frame, self._to_image)]
+        responses = [one for position in positions if (one := correlation.glance(frame, position)) is not None]
         best = max(responses, key=lambda one: one.first, default=None)
         if best is None or best.first < SETTINGS.filter_first:
             return
@@ -173,16 +177,16 @@ class MovingRegion(RegionState):
         if held is None or self._apart(held, best.to_image) > 1:
             self._held = best.to_image
             return
-        found = self._appearance.by_filter(frame, best, self._expected_light, 0.0)
-        if found is not None:
-            self._again_from(frame, scene, found)
+        match = self._appearance.by_filter(frame, best, self._expected_light, 0.0)
+        if match is not None:
+            self._again_from(frame, scene, match)
 
-    def _again_from(self, frame: GreyFrame, scene: SceneNow, found: Found) -> None:
+    def _again_from(self, frame: GreyFrame, scene: SceneNow, match: Match) -> None:
         self._held = None
         self._velocity = (0.0, 0.0)
-        self._to_image = found.fit.to_image
+        self._to_image = match.fit.to_image
         self._appearance.begin_again()
-        self._accept(frame, scene, found)
+        self._accept(frame, scene, match)
 
     def _held_at(self, fit: Fit) -> bool:
         """Whether it was seen near this place in the frame before."""
@@ -190,9 +194,9 @@ class MovingRegion(RegionState):
             self._appearance.middle(self._held), self._appearance.middle(fit.to_image)
         ) < self._appearance.reach(self._held)
 
-    def _within(self, found: Found) -> bool:
+    def _within(self, match: Match) -> bool:
         """Whether it can have got there meanwhile by its usual motion."""
-        moved = dist(self._appearance.middle(found.fit.to_image), self._appearance.middle(self._to_image))
+        moved = dist(self._appearance.middle(match.fit.to_image), self._appearance.middle(self._to_image))
         frames = min(self._lost_for, SETTINGS.back_frames) if self._left else self._lost_for
         return moved < self._appearance.reach(self._to_image) + frames * (hypot(*self._velocity) + 1)
 
@@ -200,17 +204,17 @@ class MovingRegion(RegionState):
         if all(one.code != _SAME for one in self.result.reasons):
             self.result = replace(self.result, reasons=(*self.result.reasons, self._finding(_SAME)))
 
-    def _sure(self, found: Found, expected: Matrix, *, known: bool) -> bool:
+    def _sure(self, match: Match, expected: Matrix, *, known: bool) -> bool:
         """Whether a place found after a loss can be no other one that looks the same."""
-        if self._left and not known and not self._within(found):
+        if self._left and not known and not self._within(match):
             return False
-        off = self._appearance.off(found.fit, expected)
+        off = self._appearance.off(match.fit, expected)
         if known or off == 0:
             return off < SETTINGS.alike_share
         speed = hypot(*self._velocity) + 1
         scale = local_scale(expected, self._appearance.centre) * self._template.reduction
         # Of a pattern that fills the frame the scene seems to move by a part of its distances, too.
-        if self._appearance.off(found.fit, self._to_image) > SETTINGS.alike_share:
+        if self._appearance.off(match.fit, self._to_image) > SETTINGS.alike_share:
             return False
         return (
             off < SETTINGS.alike_again_share
@@ -226,7 +230,7 @@ class MovingRegion(RegionState):
         """Whether its light is about the expected one."""
         return 1 / SETTINGS.again_light < fit.light[0] / self._expected_light[0] < SETTINGS.again_light
 
-    def _again(self, found: Found) -> bool:
+    def _again(self, match: Match) -> bool:
         """Whether a fit is good enough to take the region for found after a loss."""
         # What changes its looks is more easily taken for another thing.
         need = (
@@ -237,7 +241,7 @@ class MovingRegion(RegionState):
             if self._appearance.usual > SETTINGS.changing_quality
             else SETTINGS.changing_again_quality
         )
-        return found.fit.quality >= need and found.aligner.vanished(found.fit) <= SETTINGS.outline_lost_share
+        return match.fit.quality >= need and match.aligner.vanished(match.fit) <= SETTINGS.outline_lost_share
 
     def _expected(self, scene: SceneNow) -> Iterator[Matrix]:
         """Where it should be: as it moves, and at rest with the scene."""
@@ -248,12 +252,12 @@ class MovingRegion(RegionState):
         if at_rest is not None and dist(self._appearance.middle(at_rest), self._appearance.middle(moving)) > 1:
             yield at_rest
 
-    def _best(self, frame: GreyFrame, scene: SceneNow) -> Found | None:
+    def _best(self, frame: GreyFrame, scene: SceneNow) -> Match | None:
         """Best alignment from the expected positions, or what the filter finds there, or a search finds anywhere."""
-        best: Found | None = None
+        best: Match | None = None
         moving = next(self._expected(scene))
-        for place in self._expected(scene):
-            best = self._appearance.better(moving, best, self._aligned(frame, place))
+        for position in self._expected(scene):
+            best = self._appearance.better(moving, best, self._aligned(frame, position))
             if best is not None and best.fit.quality - self._appearance.off(best.fit, moving) >= SETTINGS.good_quality:
                 return self._doubted(frame, best) if self._appearance.doubted else best
         if scene.change == "cut":
@@ -268,7 +272,7 @@ class MovingRegion(RegionState):
             return best
         return self._elsewhere(frame, best)
 
-    def _doubted(self, frame: GreyFrame, aligned: Found) -> Found:
+    def _doubted(self, frame: GreyFrame, aligned: Match) -> Match:
         """Return what the filter sees, if that is elsewhere and more like the region than the position of the fit."""
         here = aligned.fit.to_image
         response = self._appearance.filter.locate(frame, here)
@@ -276,17 +280,17 @@ class MovingRegion(RegionState):
             return aligned
         return self._refined(frame, None, response) or aligned
 
-    def _better(self, frame: GreyFrame, response: Response, place: Matrix) -> bool:
+    def _better(self, frame: GreyFrame, response: Response, position: Matrix) -> bool:
         """Whether the region itself is clearly more alike where the filter sees it than at another position."""
-        if self._apart(response.to_image, place) < SETTINGS.filter_moved:
+        if self._apart(response.to_image, position) < SETTINGS.filter_moved:
             return False
-        there = self._appearance.filter.respond(frame, place)
+        there = self._appearance.filter.respond(frame, position)
         return there is None or response.inner >= there.inner + SETTINGS.lead_quality
 
     def _seen_by_filter(self, response: Response) -> bool:
         return response.first >= SETTINGS.filter_first and response.recent >= SETTINGS.filter_recent
 
-    def _refined(self, frame: GreyFrame, best: Found | None, response: Response) -> Found | None:
+    def _refined(self, frame: GreyFrame, best: Match | None, response: Response) -> Match | None:
         """Alignment where the filter sees the region, if it fits, or else the filter's position."""
         fits = [one for one in (best, self._aligned(frame, response.to_image)) if one is not None]
         near = [one for one in fits if self._apart(one.fit.to_image, response.to_image) < SETTINGS.filter_near]
@@ -297,41 +301,41 @@ class MovingRegion(RegionState):
         if not self._appearance.changes and (clear := self._elsewhere(frame, None)) is not None:
             return clear
         quality = 0.0 if aligned is None else aligned.fit.quality
-        found = self._appearance.by_filter(frame, response, self._expected_light, quality)
-        if found is not None and not self._possible(found.fit):
-            found = None
-        return found or aligned
+        match = self._appearance.by_filter(frame, response, self._expected_light, quality)
+        if match is not None and not self._possible(match.fit):
+            match = None
+        return match or aligned
 
     def _apart(self, a: Matrix, b: Matrix) -> float:
         """Distance of two positions in parts of the region's size."""
         size: float = self._first.area**0.5 * local_scale(a, self._appearance.centre) * self._template.reduction
         return dist(self._appearance.middle(a), self._appearance.middle(b)) / size
 
-    def _agrees(self, frame: GreyFrame, found: Found, least: float) -> bool:
+    def _agrees(self, frame: GreyFrame, match: Match, least: float) -> bool:
         """Whether the filter sees the region where a fit puts it."""
-        response = self._appearance.filter.respond(frame, found.fit.to_image)
+        response = self._appearance.filter.respond(frame, match.fit.to_image)
         return response is not None and response.first >= least
 
-    def _elsewhere(self, frame: GreyFrame, near: Found | None) -> Found | None:
+    def _elsewhere(self, frame: GreyFrame, near: Match | None) -> Match | None:
         """Search the whole frame, against what is near; None if it is not clear which is the region."""
-        others = [found for found in self._everywhere(frame) if self._again(found)]
+        others = [match for match in self._everywhere(frame) if self._again(match)]
         clear = self._appearance.clear([*others, near] if near is not None else others)
         if clear is not None and clear.fit.quality >= SETTINGS.search_quality:
             return clear if clear is near or self._lit(clear.fit) else near
         return None if others else near
 
-    def _aligned(self, frame: GreyFrame, place: Matrix) -> Found | None:
-        return self._appearance.aligned(frame, place, self._expected_light, self._possible)
+    def _aligned(self, frame: GreyFrame, position: Matrix) -> Match | None:
+        return self._appearance.aligned(frame, position, self._expected_light, self._possible)
 
-    def _everywhere(self, frame: GreyFrame) -> list[Found]:
+    def _everywhere(self, frame: GreyFrame) -> list[Match]:
         return self._appearance.everywhere(frame, self._to_image, self._expected_light, self._possible)
 
     def _possible(self, fit: Fit) -> bool:
         """Whether the target can have got there: not suddenly of another size, and in the image."""
         return shape_allows(self._template, self._to_image, fit, 1 + min(self._lost_for, 3))
 
-    def _accept(self, frame: GreyFrame, scene: SceneNow, found: Found) -> None:
-        fit = found.fit
+    def _accept(self, frame: GreyFrame, scene: SceneNow, match: Match) -> None:
+        fit = match.fit
         (x, y), (u, v) = self._appearance.middle(self._to_image), self._velocity
         self._to_image = fit.to_image
         here = self._appearance.middle(self._to_image)
@@ -342,7 +346,7 @@ class MovingRegion(RegionState):
         self._lost_for = 0
         self._light, self._quality = fit.light, fit.quality
         self._rest = self._to_image, scene
-        self._found = found
+        self._found = match
         roi = carried(self._first, self.motion)
         height, width = frame.shape
         x0, y0, x1, y1 = roi.bounds
@@ -367,22 +371,22 @@ class MovingRegion(RegionState):
         """Put it where a `motion` since the first frame carries it, if it fits there about as well; whether it does."""
         if self._before is None or self._found is None:
             return False
-        place = motion @ self._template.to_image
-        view = view_around(frame, self._template.shape, place, self._appearance.reach(place))
-        fit = None if view is None else self._found.aligner.align(view, place, self._expected_light, improve=False)
+        position = motion @ self._template.to_image
+        view = view_around(frame, self._template.shape, position, self._appearance.reach(position))
+        fit = None if view is None else self._found.aligner.align(view, position, self._expected_light, improve=False)
         if fit is None or fit.quality < self._found.fit.quality - SETTINGS.as_good_quality or not self._possible(fit):
             return False
         before = self._before
         self._to_image, self._velocity = before
-        self._accept(frame, scene, Found(fit, self._found.aligner, fit.quality))
+        self._accept(frame, scene, Match(fit, self._found.aligner, fit.quality))
         self._before = before
         return True
 
     def learn(self, frame: GreyFrame) -> None:
         """Learn from what was found in this frame."""
-        found, self._found = self._found, None
-        if found is not None and self.seen:
-            self._appearance.learn(frame, found)
+        match, self._found = self._found, None
+        if match is not None and self.seen:
+            self._appearance.learn(frame, match)
 
     def _lose(self, reason: Finding, quality: float, roi: Roi | None = None) -> None:
         self._lost_for += 1

@@ -163,10 +163,10 @@ class SceneMotion:
             return None
         before = self._points.reshape(-1, 2) + 0.5
         guess = (transform(self._since_key, before) - 0.5).astype(np.float32).reshape(-1, 1, 2)
-        there, found, _ = cv2.calcOpticalFlowPyrLK(
+        there, match, _ = cv2.calcOpticalFlowPyrLK(
             self._key, grey, self._points, guess, winSize=(15, 15), maxLevel=3, flags=cv2.OPTFLOW_USE_INITIAL_FLOW
         )
-        good = found.ravel() == 1
+        good = match.ravel() == 1
         if np.count_nonzero(good) < SETTINGS.scene_points:
             return None
         after = there.reshape(-1, 2) + 0.5

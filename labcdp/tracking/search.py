@@ -63,7 +63,7 @@ def candidates(
     """
     import cv2
 
-    found: list[tuple[float, float, Matrix]] = []
+    match: list[tuple[float, float, Matrix]] = []
     height, width = frame.shape
     pictures: dict[tuple[int, int], NDArray[np.float32]] = {}
     for look, expected in looks:
@@ -85,8 +85,8 @@ def candidates(
                 answers, max(SETTINGS.search_apart_share * across, 2), max(SETTINGS.search_apart_share * down, 2), peaks
             ):
                 placed = shift(x * width / shape[0], y * height / shape[1]) @ np.diag([scale, scale, 1.0])
-                found.append((score, scale * longest, placed @ shift(-look.corner[0], -look.corner[1]) @ look.to_image))
-    return _distinct(found, most)
+                match.append((score, scale * longest, placed @ shift(-look.corner[0], -look.corner[1]) @ look.to_image))
+    return _distinct(match, most)
 
 
 def _peaks(answers: NDArray[np.float32], across: float, down: float, most: int) -> list[tuple[float, float, float]]:
@@ -104,10 +104,10 @@ def _peaks(answers: NDArray[np.float32], across: float, down: float, most: int) 
     return peaks
 
 
-def _distinct(found: list[tuple[float, float, Matrix]], most: int) -> list[Matrix]:
+def _distinct(match: list[tuple[float, float, Matrix]], most: int) -> list[Matrix]:
     """Keep the best of each place."""
     kept: list[tuple[tuple[float, float], Matrix]] = []
-    for _, size, matrix in sorted(found, key=lambda item: -item[0]):
+    for _, size, matrix in sorted(match, key=lambda item: -item[0]):
         (middle,) = moved(matrix, (0, 0))
         if all(dist(middle, other) > SETTINGS.search_apart_share * size / 2 for other, _ in kept):
             kept.append((middle, matrix))

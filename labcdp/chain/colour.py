@@ -36,12 +36,14 @@ class SeenPlane:
 
     def relative(self, level: Level, spectra: tuple[RegionSpectrum, ...], spectrum: str) -> float:
         """Electrons per luminance of a region over those of the light of the chain."""
-        own = next((one for one in spectra if one.region == level.name), None)
-        return 1.0 if own is None else self.relative_to_light(own, spectrum)
+        of_region = next((known for known in spectra if known.region == level.name), None)
+        return 1.0 if of_region is None else self.relative_to_light(of_region, spectrum)
 
-    def relative_to_light(self, own: RegionSpectrum, spectrum: str) -> float:
+    def relative_to_light(self, of_region: RegionSpectrum, spectrum: str) -> float:
         """Electrons per luminance of a spectrum over those of the light of the chain."""
-        per_cd_m2 = electron_radiance_per_cd_m2(own.light or spectrum, self.quantum_efficiency, own.reflectance)
+        per_cd_m2 = electron_radiance_per_cd_m2(
+            of_region.light or spectrum, self.quantum_efficiency, of_region.reflectance
+        )
         return per_cd_m2 / self.per_cd_m2(spectrum)
 
     def per_cd_m2(self, spectrum: str) -> float:

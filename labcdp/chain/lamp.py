@@ -294,9 +294,12 @@ def _captures(
     exposure_s: float | Sequence[float], start_s: float | Sequence[float], weights: Sequence[float] | None
 ) -> list[_Capture]:
     """Return the captures of a frame; raises InputError if they do not fit together."""
-    exposures = np.atleast_1d(np.asarray(exposure_s, dtype=np.float64))
-    starts = np.asarray(start_s, dtype=np.float64)
-    shares = np.full(exposures.shape, 1 / exposures.size) if weights is None else np.asarray(weights, np.float64)
+    try:
+        exposures = np.atleast_1d(np.asarray(exposure_s, dtype=np.float64))
+        starts = np.asarray(start_s, dtype=np.float64)
+        shares = np.full(exposures.shape, 1 / exposures.size) if weights is None else np.asarray(weights, np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError("an exposure time, a start or a weight is not a number: give times in s") from error
     if starts.ndim == 0:
         starts = np.full(exposures.shape, float(starts))
     if exposures.ndim != 1 or not starts.shape == shares.shape == exposures.shape:

@@ -88,6 +88,7 @@ def test_a_recording_measures_what_is_predicted():
     ("arguments", "message"),
     [
         ({"exposure_s": 0.0}, "an exposure time is not above 0"),
+        ({"exposure_s": "1ms"}, "an exposure time, a start or a weight is not a number: give times in s"),
         ({"exposure_s": [1e-3, 2e-3], "start_s": [0.0]}, "there are 2 exposure times, 1 starts"),
         ({"exposure_s": [1e-3, 2e-3], "weights": [0.2, 0.2]}, "the weights add up to 0.4"),
         ({"exposure_s": 1e-3, "noise_rel": -1.0}, "noise_rel is -1"),

@@ -104,7 +104,10 @@ def scene_light(paths: Sequence[Path], converter: Converter, is_compared: bool =
         exposure, luminance = _exposure_s(picture), converter.luminance(picture)
         if is_relative and several:
             if exposure is None:
-                raise InputError(f"the exposure of {source.path} is not known: state it (--exposure), or calibrate")
+                raise InputError(
+                    f"the exposure of {source.path} is not known: state it (--exposure, of a direct picture "
+                    "--direct-exposure), or calibrate"
+                )
             luminance = _over(luminance, exposure)
         by_exposure.setdefault(exposure or 0.0, []).append(luminance)
     shortest, *longer = (_averaged(by_exposure[exposure]) for exposure in sorted(by_exposure))

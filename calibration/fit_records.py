@@ -242,4 +242,6 @@ def undecided_cause(*causes: tuple[str, str, str]) -> Finding:
 #: Causes that frames show, as of `undecided_cause`.
 SETTLING = ("first frames unlike the others (image lag)", "first-frames-differ", "discard the first frames")
 FLICKERING = ("a light that flickers", "flicker", "take more frames, in a steady light")
+#: The same in a session after the calibration.
+FLICKERING_NOW = (FLICKERING[0], "flicker-changed", FLICKERING[2])
 DISAGREEING = ("a pulsed lamp, or other exposure times", "exposures-disagree", "use a steady lamp")

@@ -12,13 +12,13 @@ from ..core.result import Finding, info, warning
 from .agreement import with_agreement
 from .colour.conversion import ByPlane
 from .colour.model import AnyCalibration
-from .fit_records import DISAGREEING, SETTLING, FitError, undecided_cause
+from .fit_records import DISAGREEING, FLICKERING_NOW, SETTLING, FitError, undecided_cause
 from .fitting.design import DARK
 from .frames.observations import DarkObservation, PatchObservation
 from .model import Calibration
 from .sensor.dark import DarkModel, fit_dark
 from .sensor.dark_fit import as_rows, black_level_drift
-from .sensor.noise import GainSetting, TemporalNoise, first_frames, light_flicker
+from .sensor.noise import GainSetting, TemporalNoise, few_frames, first_frames, light_flicker
 from .uncertainty import FALSE_ALARM, SMALL_EFFECT_REL, Scatter, critical_value
 
 #: Least change of the dark signal, in DN, and least flicker of the light that are reported.
@@ -171,11 +171,14 @@ def _noise_in_session(
     flicker = here if light.dof and (light.by_exposure or known.flickers) else joined
     flickers = light.by_exposure if light.dof else known.flickers
     noise = replace(known, flicker_rel=flicker.size, flicker_dof=int(flicker.dof), flickers=flickers)
-    if firsts := first_frames(observations, dark):
-        return noise, firsts
-    if joined != here or here.size <= max(there.size, _REPORTED_FLICKER_REL):
-        return noise, []
-    return noise, [warning("flicker-changed", flicker_rel=here.size, before_rel=there.size)]
+    changed = joined == here and here.size > max(there.size, _REPORTED_FLICKER_REL)
+    of_flicker = [warning("flicker-changed", flicker_rel=here.size, before_rel=there.size)] if changed else []
+    firsts = first_frames(observations, dark)
+    if not firsts:
+        return noise, of_flicker
+    if changed and few_frames(firsts[0]):
+        return noise, [*firsts, *of_flicker, undecided_cause(SETTLING, FLICKERING_NOW)]
+    return noise, firsts
 
 
 def _joined(there: Scatter, here: Scatter, floor: float) -> Scatter:

@@ -11,7 +11,7 @@ from ...core.errors import CalibrationError
 from ...core.result import Finding, info, warning
 from ..fit_records import FLICKERING, SETTLING, FitTest, undecided_cause
 from ..frames.observations import PatchObservation
-from ..sensor.noise import GainSetting, first_frames
+from ..sensor.noise import GainSetting, few_frames, first_frames
 from ..uncertainty import SMALL_EFFECT_REL, expanded_half_width
 from .design import PATCH_SHAPE, Design
 from .effects import MIN_SPAN
@@ -102,8 +102,11 @@ def design_findings(
         findings.append(warning("few-exposures", exposures_s=used.tolist(), advised=ADVISED_EXPOSURES))
     noise = settings[0].noise
     flicker_rel, exposure_s = max((noise.flicker_at(float(t))[0], float(t)) for t in used)
-    settling = any(finding.code == "first-frames-differ" for finding in of_noise)
-    if flicker_rel > _FLICKER_TOLERANCE_REL and not settling:
+    settling = next((finding for finding in of_noise if finding.code == SETTLING[1]), None)
+    if settling is not None and few_frames(settling) and flicker_rel > 0:
+        findings.append(warning("flicker", flicker_rel=flicker_rel, exposure_s=exposure_s))
+        findings.append(undecided_cause(SETTLING, FLICKERING))
+    elif settling is None and flicker_rel > _FLICKER_TOLERANCE_REL:
         findings.append(warning("flicker", flicker_rel=flicker_rel, exposure_s=exposure_s))
         if first_frames(observations, settings[0].dark, _PERHAPS):
             findings.append(undecided_cause(FLICKERING, SETTLING))

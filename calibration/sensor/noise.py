@@ -35,6 +35,9 @@ _CONTRADICTION = 0.05
 _FIRST_BY_CHANCE = 0.0027
 #: Fewest frames that show whether the first differs from others that agree.
 _FEWEST_FRAMES = 3
+#: Fewest frames that tell first frames that differ from a flicker: of 3, those of a lamp that is on for half of its
+#: period, at any phases, look so in 17 %, of 5 in 4 % (simulated in `tests/calibration/test_in_session.py`).
+FRAMES_THAT_TELL = 5
 #: Ratio of a variance to that by a single K from which captures of different noise hand over: far beyond what a line
 #: of photon transfer departs by, a judgement.
 _HANDED_OVER = 1.25
@@ -358,11 +361,12 @@ def first_frames(
     """Return a finding if the first frames of the exposures differ from those that follow, which agree (F test).
 
     So they do by image lag, and by a camera or a lamp that settles; a light that flickers changes from any frame to the
-    next. Observations and dark signal as of `light_flicker`; `by_chance` is the probability of a finding by chance.
+    next, but frames of a pulsed lamp agree often where they are few, see `FRAMES_THAT_TELL`. Observations and dark
+    signal as of `light_flicker`; `by_chance` is the probability of a finding by chance.
     """
     from scipy.special import fdtrc
 
-    rows = []
+    rows, fewest = [], inf
     for group in _same_frames(observations, dark):
         n = group[0].n_frames
         if n < _FEWEST_FRAMES or any(o.n_frames != n for o in group):
@@ -374,6 +378,7 @@ def first_frames(
         light = weight @ (means / net[:, None])
         floor = 1 / float(np.sum(1 / noise))
         first, rest = float(light[0] - light[1:].mean()), float(np.var(light[1:], ddof=1))
+        fewest = min(fewest, n)
         rows.append((first, first**2 / (1 + 1 / (n - 1)), max(rest, floor) * (n - 2), n - 2, group[0].exposure_s))
     if not rows:
         return []
@@ -383,7 +388,13 @@ def first_frames(
     if fdtrc(squares.size, dof.sum(), ratio) >= by_chance or abs(firsts[largest]) <= SMALL_EFFECT_REL:
         return []
     shown = {"deviation_rel": float(firsts[largest]), "exposure_s": float(exposures_s[largest])}
-    return [warning("first-frames-differ", **shown)]
+    return [warning("first-frames-differ", **shown, n_frames=int(fewest))]
+
+
+def few_frames(settling: Finding) -> bool:
+    """Whether the frames of a finding of `first_frames` are too few to tell it from a flicker."""
+    n_frames = settling.values["n_frames"]
+    return isinstance(n_frames, int) and n_frames < FRAMES_THAT_TELL
 
 
 def _same_frames(observations: Sequence[PatchObservation], dark: DarkModel) -> list[list[PatchObservation]]:

@@ -5,9 +5,11 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from labcdp.calibration import fit, patch_luminance
 from labcdp.calibration.in_session import in_session
+from labcdp.calibration.sensor.noise import FRAMES_THAT_TELL
 
 from .conftest import EXPOSURES_S, SimulatedCamera, bench, codes
 
@@ -146,13 +148,46 @@ def lagging(o, lag_rel):
     return replace(o, mean_dn=float(means.mean()), frame_means_dn=tuple(means.tolist()))
 
 
+class ManyFrames(FlickeringCamera):
+    """It takes eight frames of each patch."""
+
+    def observe(self, patch, luminance_cd_m2, exposure_s, rng, size=(400, 8)):
+        return super().observe(patch, luminance_cd_m2, exposure_s, rng, size)
+
+
 def test_first_frames_that_differ_are_no_flicker(setup):
     rng = np.random.default_rng(10)
-    observations, darks, readings = bench(FlickeringCamera(), rng=rng)
+    observations, darks, readings = bench(ManyFrames(), rng=rng)
     calibration = fit([lagging(o, 0.01) for o in observations], darks, readings, setup)
     assert {"first-frames-differ", "flicker"} & codes(calibration) == {"first-frames-differ"}
     flickering = fit(*bench(FlickeringCamera(flicker_rel=(0.05,) * 3), rng=rng), setup)
     assert {"first-frames-differ", "flicker"} & codes(flickering) == {"flicker"}
+
+
+def test_few_first_frames_that_differ_may_be_a_flicker(setup, calibration):
+    rng = np.random.default_rng(10)
+    observations, darks, readings = bench(FlickeringCamera(), rng=rng)
+    lagged = [lagging(o, 0.01) for o in observations]
+    of_fit = fit(lagged, darks, readings, setup).findings
+    _, of_session = in_session(calibration, {None: lagged}, {None: darks})
+    for findings, flicker in ((of_fit, "flicker"), (of_session, "flicker-changed")):
+        (several,) = [one for one in findings if one.code == "one-of" and "first-frames-differ" in one.values["codes"]]
+        assert {*several.values["codes"]} == {"first-frames-differ", flicker}
+        assert {*several.values["codes"]} <= {one.code for one in findings}
+
+
+def test_enough_frames_tell_a_pulsed_lamp_from_first_frames_that_differ():
+    """A lamp that is on for half of its period, frames at any phases and distances, three exposures: in NumPy alone."""
+    rng, n, share = np.random.default_rng(1), 4000, {}
+    for n_frames in (3, FRAMES_THAT_TELL):
+        phase = rng.random((n, 3, 1)) + rng.random((n, 3, 1)) * np.arange(n_frames)
+        light = 0.02 * np.array([1, 0.3, 0.1])[:, None] * np.where(phase % 1 < 0.5, 1, -1)
+        light += rng.normal(0, 1e-4, light.shape)
+        first = (light[..., 0] - light[..., 1:].mean(-1)) ** 2 / (1 + 1 / (n_frames - 1))
+        ratio = first.mean(-1) / np.maximum(light[..., 1:].var(-1, ddof=1), 1e-8).mean(-1)
+        share[n_frames] = float(np.mean(stats.f.sf(ratio, 3, 3 * (n_frames - 2)) < 0.0027))
+    assert share[3] > 0.1
+    assert share[FRAMES_THAT_TELL] < 0.05 + 3 * sqrt(0.05 * 0.95 / n)
 
 
 def test_image_lag_and_exposures_that_disagree_may_be_one_cause(calibration):
